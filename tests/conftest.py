@@ -38,6 +38,9 @@ os.environ.setdefault(
     "KENNFELD_CACHE", str(Path(tempfile.gettempdir()) / f"kennfeld-tests-{os.getuid() if hasattr(os, 'getuid') else 0}")
 )
 
+from kennfeld.base.machine_code import engine  # noqa: E402
+from kennfeld.models import code_consent  # noqa: E402
+
 pytest_plugins = ["tests.costs", "tests.doctests", "tests.guests"]
 
 MACHINE_CODE = {"native", "machine_code"}  # folders of tests
@@ -82,28 +85,17 @@ def pytest_collection() -> Iterator[object]:
         gc.enable()
 
 
-@pytest.fixture(scope="session", autouse=True)
-def do_not_wait_for_disks():
-    """Let files reach the disk when the system likes: the loss of power that `fsync` is for does not come."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("os.fsync", lambda descriptor: None)
-        yield
+def pytest_sessionstart() -> None:
+    """Patch for all tests what a fixture would patch for each, which takes longer than many tests."""
+    os.fsync = lambda descriptor: None  # the loss of power that it is for does not come
+    code_consent.consent_file = lambda: None  # remember nothing in the folder of the user
 
 
-@pytest.fixture(autouse=True)
-def compile_quickly(request, monkeypatch):
-    """Select the instructions of models as for long ones, in a fifth of the time.
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Select the instructions of models as for long ones, in a fifth of the time; fixtures of modules do so, too.
 
     Slow tests, those of the machine code itself and those with the mark `bits` compile as users do.
     """
-    marked = any(request.node.get_closest_marker(name) for name in ("slow", "bits"))
-    if not (marked or MACHINE_CODE & set(request.path.parts)):
-        monkeypatch.setattr("kennfeld.base.machine_code.engine.LEVEL", 0)
-
-
-@pytest.fixture(scope="session", autouse=True)
-def keep_no_consents():
-    """Remember nothing that tests allow to run in the folder of the user."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("kennfeld.models.code_consent.consent_file", lambda: None)
-        yield
+    marked = any(item.get_closest_marker(name) for name in ("slow", "bits"))
+    engine.LEVEL = engine.BEST if marked or MACHINE_CODE & set(item.path.parts) else 0

@@ -236,7 +236,7 @@ def load_app() -> None:
     from kennfeld.base.errors import KennfeldError
     from kennfeld.project.demo import write
 
-    for module in ("run_job", "surrogate_training"):
+    for module in ("design_work", "run_job", "side_work", "surrogate_training", "term_search"):
         import_module(f"kennfeld.app.session.{module}")
     with tempfile.TemporaryDirectory() as folder:
         os.environ.update(HOME=folder, USERPROFILE=folder)

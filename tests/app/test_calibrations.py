@@ -1,6 +1,5 @@
 """Calibration files in the app: compared, taken into the project, merged, converted, and written into images."""
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +13,6 @@ from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.session.calibration_source import SourceName, source_of
 from kennfeld.app.session.session import Session
 from kennfeld.base.errors import ArgumentError, InputError
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "calfiles"))
 
 NOW, START = {"from": "now"}, {"from": "start"}
 

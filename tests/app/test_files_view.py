@@ -34,6 +34,7 @@ def test_a_file_is_compared_and_its_values_are_taken(torque: Path, bench: Path) 
         page.wait_for_selector("#differences [data-name=MapOptTorque]")
 
 
+@pytest.mark.slow
 def test_a_dropped_file_is_merged_and_converted(torque: Path, bench: Path, tmp_path: Path) -> None:
     own = kf.read_parameters(bench)
     outside = tmp_path / "tuned.json"

@@ -42,6 +42,7 @@ def test_a_project_begins_with_a_c_file_whose_function_is_chosen(tmp_path: Path)
         page.wait_for_selector(".cm-content:has-text('output lag')")
 
 
+@pytest.mark.slow
 def test_an_error_in_a_c_file_is_shown_at_its_line(tmp_path: Path) -> None:
     project = write_functions(tmp_path, file="engine.c:twice")
     (tmp_path / "engine.c").write_text(C_FILE.replace("return 2 * x;", "goto end; end: return x;"))

@@ -77,6 +77,7 @@ def test_typing_into_the_table_and_undo(torque: Path) -> None:
         page.wait_for_selector("#undo[disabled]")
 
 
+@pytest.mark.slow
 def test_two_tabs_agree(torque: Path) -> None:
     with project_page(torque) as page:
         other = page.context.new_page()
@@ -89,6 +90,7 @@ def test_two_tabs_agree(torque: Path) -> None:
         assert other.inner_text("#rmse-training") == page.inner_text("#rmse-training")
 
 
+@pytest.mark.slow
 def test_a_file_that_changes_on_disk_is_noticed(torque: Path) -> None:
     with project_page(torque) as page:
         torque.write_text(

@@ -77,6 +77,7 @@ def test_a_ticket_opens_one_page(torque: Path) -> None:
         assert server.request("GET", "/?open=")[0] == 403
 
 
+@pytest.mark.slow
 def test_a_browser_that_opens_the_file_shows_the_page(torque: Path, home: Path) -> None:
     with served(torque, prelude=PRELUDE) as server:
         address = f"http://127.0.0.1:{server.port}/?token=none"

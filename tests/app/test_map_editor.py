@@ -122,6 +122,7 @@ def test_a_dragged_dot_changes_the_active_value_alone(editor: Any, canvas: str) 
     )
 
 
+@pytest.mark.slow
 def test_an_edit_redraws_the_cells_that_look_different_and_no_other(editor: Any) -> None:
     for at, value in (("0,0", "900.5"), ("11,11", "100.5")):  # the range of the colours, and the decimals
         editor.click(f"[data-cell='{at}']")

@@ -15,6 +15,7 @@ from kennfeld.base.errors import ArgumentError
 from kennfeld.models.code_consent import allow
 from kennfeld.optimize.quality.lookup_coverage import Coverage
 from tests.app.function_samples import write_functions
+from tests.draws import mostly_slow
 from tests.project.flash_files import A2L, hex_of
 
 CHANNELS = {
@@ -127,7 +128,7 @@ def test_the_torque_model_can_be_evaluated_once_all_proposals_are_added(torque: 
     assert session.undo().startswith("Added")
 
 
-@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e4])
+@pytest.mark.parametrize("unit", mostly_slow([1e4, 1.0, 1e-3], 1))
 def test_starts_and_smoothness_follow_the_size_of_the_target(tmp_path: Path, unit: float) -> None:
     rows = "".join(f"{x / 100},{unit * (5 + np.sin(x / 20))}\n" for x in range(200))
     session = begin(tmp_path / "p", "y = C(x) * k\n", f"x,target\n{rows}", "[parameters.k]\ninitial = 2\n")

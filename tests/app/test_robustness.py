@@ -33,6 +33,7 @@ def kill(process: AppProcess, page: Any) -> None:
     process.wait()
 
 
+@pytest.mark.slow
 def test_a_restarted_server_is_picked_up_with_unsaved_edits(torque: Path, tmp_path: Path) -> None:
     with started(torque, tmp_path) as (address, process), browser_page(address) as page:
         type_value(page, "1,1", "99")

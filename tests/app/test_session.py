@@ -179,13 +179,13 @@ def step(session: Session, amount: float, cells: Sequence[int] = (0,), drag: str
     session.edit(ValueEdit("MapSettled", cells, f"raised by {amount}", kind="add", amount=amount, drag=drag))
 
 
-def test_a_hundred_steps_add_up(exhaust: Path) -> None:
+def test_many_steps_add_up(exhaust: Path) -> None:
     session = Session(exhaust)
     session.edit(ValueEdit("MapSettled", (3,), "set", values=(100.0,)))
-    for _ in range(100):
-        step(session, 0.02, (3,))
-    assert session.parameters["MapSettled"].values.ravel()[3] == 102.0
-    for _ in range(100):
+    for _ in range(30):
+        step(session, 0.1, (3,))
+    assert session.parameters["MapSettled"].values.ravel()[3] == 103.0
+    for _ in range(30):
         session.undo()
     assert session.parameters["MapSettled"].values.ravel()[3] == 100.0
 

@@ -56,8 +56,8 @@ def keys_with_help() -> dict[str, str]:
     helps = {}
     for section in describe_sections():
         keys = section["form"].get("keys", ())
-        if section["name"] in ("axes", "design"):
-            continue  # the project has no group axes, see below; the app has no page of designs
+        if section["name"] == "axes":
+            continue  # the project has no group axes, see below
         if section["name"] == "parameters":
             keys = [key for key in keys if key["name"] not in ("z", "w")]  # the open table is a map
         helps |= {f"{section['name']}.{key['name']}": key["help"] for key in keys}

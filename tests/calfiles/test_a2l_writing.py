@@ -389,7 +389,7 @@ def tables(draw):
 
 
 @pytest.mark.slow
-@few_or_many(tables(), few=12, many=300)
+@few_or_many(tables(), few=12, many=150)
 def test_written_tables_are_read_again_in_every_layout(table):
     text, points, raw = table
     start = b"\x01" * 800

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import strategies as st
 
 from kennfeld.base.errors import ArgumentError
-from kennfeld.calfiles import Comparison, Difference, Tolerance, compare
+from kennfeld.calfiles import Comparison, Difference, Tolerance, changed, compare, read
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Axis, Block, Curve, Map, Scalar, Text
 from tests.calfiles.calibration_sets import parameter_sets
@@ -164,3 +164,24 @@ def test_another_kind_of_text_is_a_difference(other, aspect, left, right):
     one = ParameterSet([], [Text("T", "true", kind="enumeration")])
     [difference] = differences(one, ParameterSet([], [other]) if isinstance(other, Text) else other)
     assert (difference.name, difference.aspect, difference.left, difference.right) == ("T", aspect, left, right)
+
+
+def test_the_changed_labels_are_those_with_other_values_or_axes_and_form_a_new_file(tmp_path):
+    axis, moved = Axis([0, 1, 2], name="AxisN"), Axis([0, 1.5, 2], name="AxisN")
+
+    def labels(shared, k, lone):
+        tables = [Curve("A", shared, [1, 2, 3]), Map("B", [0, 1], shared, [[1, 2, 3], [4, 5, 6]])]
+        return ParameterSet([*tables, Scalar("K", k), Curve("L", [0, 1], [1, lone]), Scalar("Same", 1.0)])
+
+    before = labels(axis, 1.0, 2.0)
+    before.save(tmp_path / "before.dcm")
+    old = read(tmp_path / "before.dcm")
+    values = read(tmp_path / "before.dcm").with_parameters(Scalar("K", 3.0))
+    values.save(tmp_path / "after.dcm")
+    assert list(changed(read(tmp_path / "after.dcm"), old)) == ["K"]
+    changed(read(tmp_path / "after.dcm"), old).save(tmp_path / "changed.dcm")
+    assert list(read(tmp_path / "changed.dcm")) == ["K"]
+    both = changed(labels(moved, 1.0, 2.5), before)
+    assert list(both) == ["A", "B", "L"]
+    assert [each.name for each in both.axes] == ["AxisN"]
+    assert list(changed(before, before)) == []

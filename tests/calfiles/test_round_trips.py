@@ -27,7 +27,7 @@ SETS = {  # what each format can hold
 
 
 @pytest.mark.parametrize("ending", SETS)
-@few_or_many(data=st.data(), few=5, many=200)
+@few_or_many(data=st.data(), few=5, many=100)
 def test_a_format_reads_back_what_it_wrote(tmp_path_factory, ending, data):
     path, parameters = tmp_path_factory.mktemp("sets") / f"a{ending}", data.draw(SETS[ending])
     checked = {".xlsx": repr(parameters), ".cdfx": "".join(text.text for text in parameters.texts)}
@@ -59,7 +59,7 @@ def labelled_sets(draw):
 
 
 @pytest.mark.parametrize("ending", [".json", ".csv", ".cdfx", ".xlsx", ".m", ".mat"])
-@few_or_many(parameters=labelled_sets(), few=5, many=100)
+@few_or_many(parameters=labelled_sets(), few=5, many=50)
 def test_functions_display_names_and_variants_come_back(tmp_path_factory, ending, parameters):
     path = tmp_path_factory.mktemp("sets") / f"a{ending}"
     assume(not any(character in text.text for text in parameters.texts for character in NO_XML))
@@ -93,7 +93,7 @@ def blanked(text):
 
 
 @pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx", ".xlsx", ".m", ".mat"])
-@few_or_many(data=st.data(), few=4, many=150)
+@few_or_many(data=st.data(), few=4, many=75)
 def test_a_damaged_file_is_read_or_refused_with_findings(tmp_path_factory, ending, data):
     path = tmp_path_factory.mktemp("sets") / f"a{ending}"
     write(data.draw(parameter_sets(units=plain_units)), path)

@@ -8,11 +8,14 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 
-from kennfeld import Axis, Curve, InputError, Map, ParameterSet, Scalar, calibrate, simulate
+from kennfeld import ArgumentError, Axis, Curve, InputError, Map, ParameterSet, Scalar, calibrate, simulate
+from kennfeld.base.fmi_platform import SUFFIXES, platform_folder, platform_tuple
 from kennfeld.export.api import export_function
+from kennfeld.export.cross_compiler import PLATFORMS
 from kennfeld.export.host_compiler import HostCompiler
 from kennfeld.graph import GraphBuilder
 from kennfeld.models import Model
+from tests.draws import mostly_slow
 from tests.export.compiled import STRICT, needs_compiler
 from tests.export.fmi2_instance import ERROR, OK, Fmi2
 
@@ -73,7 +76,7 @@ def _expected(text, columns, time, outputs):
 
 
 @needs_compiler
-@pytest.mark.parametrize("text", [STATIC, MEMORY], ids=["static", "memory"])
+@pytest.mark.parametrize("text", mostly_slow([MEMORY, STATIC], 1), ids=["memory", "static"])
 def test_inputs_at_the_end_of_a_step_give_the_simulation_on_uneven_time(text, tmp_path):
     time, columns = np.cumsum(np.random.default_rng(3).uniform(0.05, 0.3, 60)), _columns(60)
     outputs = ["y", "z"] if text == STATIC else ["y", "y2"]
@@ -82,6 +85,7 @@ def test_inputs_at_the_end_of_a_step_give_the_simulation_on_uneven_time(text, tm
     np.testing.assert_allclose(got, _expected(text, columns, time, outputs), rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_inputs_at_the_start_of_a_step_give_the_simulation_before_and_behind_it(tmp_path):
     time, columns = np.arange(40) * 0.1, _columns(40)
@@ -196,6 +200,7 @@ def test_derivatives_are_those_of_finite_differences(text, tmp_path):
         np.testing.assert_allclose(instance.derivative("y", direction), difference, rtol=2e-8, atol=2e-8)
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.guests
 def test_a_calibration_of_the_fmu_finds_the_values_of_the_function(tmp_path):
@@ -299,3 +304,27 @@ def test_another_tool_takes_the_description_and_gives_the_same_numbers(tmp_path)
     run = fmpy.simulate_fmu(path, input=inputs, output=["y"], output_interval=0.1, stop_time=3.9)
     expected = _expected(MEMORY, columns, time, ["y"])[0]
     np.testing.assert_allclose(run["y"][1:40], expected[:39], atol=1e-9)
+
+
+def test_a_library_for_another_machine_needs_a_package_that_the_message_names(tmp_path, monkeypatch):
+    monkeypatch.setattr("kennfeld.export.cross_compiler.find_spec", lambda name: None)
+    other = "aarch64-darwin" if platform_tuple() != "aarch64-darwin" else "x86_64-windows"
+    with pytest.raises(ArgumentError, match=f"{other} needs the package ziglang.*pip install"):
+        export_function(STATIC, _values(), tmp_path, to="fmu", platforms=[other])
+    with pytest.raises(ArgumentError, match="platforms: unknown 'win64'; known are x86_64-windows"):
+        export_function(STATIC, _values(), tmp_path, to="fmu", platforms=["win64"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_an_fmu_has_libraries_for_other_machines(fmi, tmp_path):
+    pytest.importorskip("ziglang")
+    path = export_function(STATIC, _values(), tmp_path, to="fmu", name="engine", fmi=fmi, platforms=PLATFORMS).files[0]
+    heads = {"windows": b"MZ", "linux": b"\x7fELF", "darwin": b"\xcf\xfa\xed\xfe"}
+    with zipfile.ZipFile(path) as archive:
+        for platform in PLATFORMS:
+            system = platform.partition("-")[2]
+            name = f"binaries/{platform_folder(f'{fmi}.0', platform)}/engine{SUFFIXES[system]}"
+            content = archive.read(name)
+            assert content.startswith(heads[system])
+            assert f"fmi{fmi}DoStep".encode() in content

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from asammdf import MDF
 from scipy.io import loadmat
 
 from kennfeld.domain.dataset import Channel, Dataset
@@ -12,6 +11,7 @@ from kennfeld.measurement import mdf_writer
 from kennfeld.measurement.matlab_writer import write_matlab
 from kennfeld.measurement.mdf_writer import write_mdf
 from kennfeld.measurement.writable_recording import WritableRecording
+from tests.measurement.mdf_library import mdf_file
 
 NAMES = [
     "time",
@@ -47,7 +47,7 @@ def part(begin, samples, names=("y",), missing=()):
 def test_any_name_of_a_channel_is_kept_in_mdf(tmp_path):
     data = part(0.0, 5, NAMES)
     write_mdf([recording_of(data)], tmp_path / "a.mf4", "test")
-    with MDF(tmp_path / "a.mf4") as file:
+    with mdf_file(tmp_path / "a.mf4") as file:
         assert file.version == "4.10"
         names = [channel.name for channel in file.groups[0].channels]
         assert names == ["timestamps", *NAMES]
@@ -76,7 +76,7 @@ def test_parts_follow_each_other_in_one_group(tmp_path, monkeypatch, at_once):
     second = second.with_channels(replace(second["y"], values=np.where(np.arange(8) == 5, np.nan, 1.0)))
     pieces = [np.full(7, 1), np.full(8, 2)]
     write_mdf([recording_of(first, second, pieces=pieces)], tmp_path / "a.mf4", "test")
-    with MDF(tmp_path / "a.mf4") as file:
+    with mdf_file(tmp_path / "a.mf4") as file:
         signals = {name: file.get(name, ignore_invalidation_bits=True) for name in ("y", "z", "piece")}
     np.testing.assert_array_equal(signals["y"].timestamps, np.concatenate([first.time, second.time]))
     np.testing.assert_array_equal(signals["z"].samples, np.concatenate([first["z"].values, second["z"].values]))
@@ -93,7 +93,7 @@ def test_each_channel_has_its_own_invalid_samples(tmp_path, count):
     for number, name in enumerate(names):
         data = data.with_channels(replace(data[name], values=np.where(np.arange(20) == number, np.nan, number)))
     write_mdf([recording_of(data)], tmp_path / "a.mf4", "test")
-    with MDF(tmp_path / "a.mf4") as file:
+    with mdf_file(tmp_path / "a.mf4") as file:
         for number, name in enumerate(names):
             signal = file.get(name, ignore_invalidation_bits=True)
             assert np.flatnonzero(signal.invalidation_bits).tolist() == [number]
@@ -105,7 +105,7 @@ def test_numbers_are_kept_bit_for_bit(tmp_path, value):
     data = Dataset("d", (Channel("y", np.array([value, 1 / 3])),), np.array([0.1, 0.30000000000000004]))
     write_mdf([recording_of(data)], tmp_path / "a.mf4", "test")
     write_matlab([recording_of(data)], tmp_path / "a.mat", "a.mat")
-    with MDF(tmp_path / "a.mf4") as file:
+    with mdf_file(tmp_path / "a.mf4") as file:
         signal = file.get("y")
     struct = loadmat(tmp_path / "a.mat", simplify_cells=True)["drive"]
     for values, time in ((signal.samples, signal.timestamps), (struct["y"], struct["time"])):
@@ -116,7 +116,7 @@ def test_numbers_are_kept_bit_for_bit(tmp_path, value):
 def test_a_file_without_recordings_can_be_opened(tmp_path):
     write_mdf([], tmp_path / "a.mf4", "test")
     write_matlab([], tmp_path / "a.mat", "a.mat")
-    with MDF(tmp_path / "a.mf4") as file:
+    with mdf_file(tmp_path / "a.mf4") as file:
         assert not file.groups
     assert not [name for name in loadmat(tmp_path / "a.mat") if not name.startswith("__")]
 
@@ -125,6 +125,6 @@ def test_a_single_sample_is_a_recording(tmp_path):
     data = part(3.0, 1)
     write_mdf([recording_of(data)], tmp_path / "a.mf4", "test")
     write_matlab([recording_of(data)], tmp_path / "a.mat", "a.mat")
-    with MDF(tmp_path / "a.mf4") as file:
+    with mdf_file(tmp_path / "a.mf4") as file:
         assert file.get("y").timestamps.tolist() == [3.0]
     assert loadmat(tmp_path / "a.mat")["drive"]["y"][0, 0].shape == (1, 1)

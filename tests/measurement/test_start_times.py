@@ -4,12 +4,12 @@ from datetime import UTC, datetime, timedelta, timezone
 
 import numpy as np
 import pytest
-from asammdf import MDF, Signal
 from nptdms import ChannelObject, TdmsWriter
 
 from kennfeld import read
 from kennfeld.measurement.cache import Cache
 from kennfeld.measurement.mdf_start_time import HeaderTime
+from tests.measurement.mdf_library import mdf_file, signal
 
 TIME = 0.1 * np.arange(5)
 NOON = datetime(2026, 3, 1, 12, 0, 0, 250_000)
@@ -17,9 +17,9 @@ STARTS = [NOON.replace(tzinfo=UTC), NOON.replace(tzinfo=timezone(timedelta(hours
 
 
 def write_mdf(path, version, start, invalid=None):
-    with MDF(version=version) as file:
+    with mdf_file(version=version) as file:
         file.start_time = start
-        file.append([Signal(2 * TIME, TIME, name="y", invalidation_bits=invalid)], common_timebase=True)
+        file.append([signal(2 * TIME, TIME, name="y", invalidation_bits=invalid)], common_timebase=True)
         file.save(path, overwrite=True)
 
 

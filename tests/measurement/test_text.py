@@ -262,7 +262,7 @@ def mutants(content, seed, count):
         yield bytes(mutant[: generator.randrange(len(mutant) + 1)] if generator.random() < 0.4 else mutant)
 
 
-@pytest.mark.parametrize("count", [25, pytest.param(600, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [25, pytest.param(300, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("bulk", [False, True])
 def test_a_damaged_file_gives_findings_and_nothing_else(csv, monkeypatch, bulk, count):
     if bulk:
@@ -281,7 +281,7 @@ def outcome(path):
     return {name: (channel.values.tolist(), channel.unit) for name, channel in data.items()}, str(data.time)
 
 
-@pytest.mark.parametrize("count", [15, pytest.param(400, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [15, pytest.param(200, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
 def test_damaged_files_read_in_bulk_are_as_read_line_by_line(csv, monkeypatch, separator, count):
     numbers = random.Random(5)

@@ -47,7 +47,7 @@ def test_what_cannot_be_broken_stays_whole():
     assert formula("\n".join(wrap(f"y = {name} + 1"))).graph == formula(f"y = {name} + 1").graph
 
 
-@few_or_many(graphs(), few=12, many=400)
+@few_or_many(graphs(), few=12, many=200)
 def test_every_graph_is_arranged_as_text_that_reads_back_to_it(graph):
     lines = to_lines(graph, 0.01)
     assert one_nan(formula("\n".join(line.text for line in lines)).graph) == one_nan(formula(to_text(graph)).graph)

@@ -22,7 +22,7 @@ def printed(text: str) -> list[str]:
     return lines(formula(text).graph)
 
 
-@few_or_many(graphs(), few=12, many=400)
+@few_or_many(graphs(), few=12, many=200)
 def test_every_graph_is_printed_as_text_that_reads_back_to_it(graph):
     assert one_nan(formula(to_text(graph)).graph) == one_nan(merge_equal_states(graph))
 

@@ -189,6 +189,7 @@ def test_breakpoints_of_both_axes_of_a_map_are_recovered():
     np.testing.assert_allclose(points(result, "M", 1), [0, 6, 7.5, 10], atol=0.05)
 
 
+@pytest.mark.slow
 def test_breakpoints_of_nested_lookups_are_recovered():
     random = np.random.default_rng(2)
     u = random.uniform(0, 10, 1500)

@@ -159,6 +159,7 @@ root = sqrt(fuel)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("samples", "speeds", "loads", "least"),
     [(300, 4, 3, 634.717), pytest.param(1800, 12, 10, 3464.03, marks=pytest.mark.slow)],

@@ -142,12 +142,12 @@ def test_another_implementation_fits_the_same_values(size):
 def test_a_calibration_needs_only_the_protocol(monkeypatch):
     """Continuation, output limits and the uncertainty of the values are included."""
     limited = replace(torque_problem(count=150, size=3), limits=(kf.Limit("torque", upper=190.0),))
-    expected = run(limited, Options(max_iterations=5))
+    expected = run(limited, Options(max_iterations=2))
     created = []
     monkeypatch.setattr(
         "kennfeld.optimize.sums.compiled.Accumulator", lambda *args: created.append(TwoHalves(*args)) or created[-1]
     )
-    result = run(limited, Options(max_iterations=5))
+    result = run(limited, Options(max_iterations=2))
     assert sum(sums.calls for sums in created) > result.iterations
     assert result.status == expected.status
     assert result.cost_after == pytest.approx(expected.cost_after, rel=1e-4)

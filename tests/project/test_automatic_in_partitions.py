@@ -166,13 +166,9 @@ def test_a_shift_scanned_on_all_samples_is_that_of_all_data(tmp_path, model, siz
     assert parted.trust.noise["Y"] == pytest.approx(plain.trust.noise["Y"], rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("model", "files", "samples", "size"),
-    [
-        ("none", 2, 250, 300),
-        pytest.param("none", 4, 820, 300, marks=pytest.mark.slow),
-        pytest.param("memory", 2, 250, 150, marks=pytest.mark.slow),
-    ],
+    ("model", "files", "samples", "size"), [("none", 2, 250, 300), ("none", 4, 820, 300), ("memory", 2, 250, 150)]
 )
 def test_a_shift_scanned_on_some_samples_is_refined_on_all(tmp_path, model, files, samples, size, monkeypatch):
     path = write_shifted(tmp_path, model, text=SHIFTED + OFF, files=files, samples=samples)

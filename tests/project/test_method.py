@@ -20,7 +20,7 @@ def test_the_search_uses_the_method_of_the_project(shop):
 
 
 def test_a_project_is_searched_without_gradients(shop):
-    result = shop.add(BOUNDS + GLOBAL + "seed = 1\nmax_evaluations = 150").project.calibrate()
+    result = shop.add(BOUNDS + GLOBAL + "seed = 1\nmax_evaluations = 60").project.calibrate()
     assert result.trace[0].stage == "global"
     assert result.quality[0].rmse_after == pytest.approx(0, abs=1e-6)
 

@@ -68,7 +68,7 @@ def test_a_proposal_is_written_into_both_files_and_taken_back(tmp_path):
     path = write_bench(tmp_path)
     project = Project.read(path)
     before = [(tmp_path / name).read_bytes() for name in ("f.kf", "kennfeld.toml")]
-    proposal = project.propose(kinds=["add"], nodes=["drag"])[0]
+    proposal = project.propose(kinds=["add"], nodes=["drag"], channels=["oil"])[0]
     assert project.apply(proposal) == (tmp_path / "f.kf", path)
     text = (tmp_path / "f.kf").read_text(encoding="utf-8")
     assert "2 drag[Nm] = CurveDrag(speed) + AddDragOil(oil)  # motored\n" in text
@@ -105,7 +105,7 @@ def test_an_undo_does_not_overwrite_later_changes(tmp_path):
     project = Project.read(path)
     with pytest.raises(InputError, match="no proposal was applied that could be undone"):
         undo(project)
-    project.apply(project.propose(kinds=["add"], nodes=["drag"])[0])
+    project.apply(project.propose(kinds=["add"], nodes=["drag"], channels=["oil"])[0])
     path.write_text(path.read_text(encoding="utf-8") + "# mine\n", encoding="utf-8")
     with pytest.raises(InputError, match="the file was changed after the proposal was applied"):
         undo(project)
@@ -120,7 +120,8 @@ def test_files_with_a_byte_order_mark_in_other_folders_get_a_term_and_lose_it(tm
     path.write_text("\ufeff" + text, encoding="utf-8")
     before = [file.read_bytes() for file in (function, path)]
     project = Project.read(path)
-    project.apply(project.propose(kinds=["add"], nodes=["drag"], channels=["oil"])[0])
+    proposal = project.propose(kinds=["add"], nodes=["drag"], channels=["oil"])[0]
+    project.apply(proposal)
     assert all(file.read_bytes().startswith(b"\xef\xbb\xbf") for file in (function, path))
     assert not [finding for finding in Project.read(path).check() if finding.severity != "remark"]
     undo(project)
@@ -128,7 +129,6 @@ def test_files_with_a_byte_order_mark_in_other_folders_get_a_term_and_lose_it(tm
     stack = tmp_path / ".kennfeld" / "kennfeld" / "proposals.json"
     stack.unlink()
     stack.mkdir()
-    proposal = project.propose(kinds=["add"], nodes=["drag"], channels=["oil"])[0]
     with pytest.raises(InputError, match=r"proposals\.json"):
         project.apply(proposal)
     assert [file.read_bytes() for file in (function, path)] == before
@@ -193,6 +193,7 @@ def test_the_command_prints_the_list_and_applies_one(tmp_path, capsys):
     assert cli.run([*arguments, "--json"]) == 0
     content = json.loads(capsys.readouterr().out)
     assert [proposal["channel"] for proposal in content["proposals"]] == ["oil"]
+    arguments += ["--channel", "oil"]
     assert cli.run([*arguments, "--apply", "2"]) == 2
     assert "there is no proposal 2, only 1 proposal" in capsys.readouterr().err
     assert cli.run([*arguments, "--apply", "1"]) == 0

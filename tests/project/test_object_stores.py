@@ -10,6 +10,7 @@ import pytest
 
 from kennfeld.base.errors import InputError
 from kennfeld.cli import run
+from kennfeld.optimize.sums.compiled import CompiledProblem
 from kennfeld.preprocessing.recording_sources import find_addresses, find_sources, local_file
 from kennfeld.project import Project
 from kennfeld.report.provenance import sources
@@ -47,6 +48,14 @@ def stored(request, tmp_path):
     return write_stored(tmp_path, request.param)
 
 
+def test_sums_are_those_of_local_files(stored, tmp_path_factory):
+    local = in_partitions(write_short(tmp_path_factory.mktemp("local")), SIZE)
+    ours, theirs = (CompiledProblem(project.problem()) for project in (Project.read(stored), local))
+    assert np.array_equal(ours.start, theirs.start)
+    assert ours.sums.cost(ours.start * 1.01) == theirs.sums.cost(ours.start * 1.01)
+
+
+@pytest.mark.slow
 def test_a_calibration_ends_at_the_values_of_local_files(stored, tmp_path_factory):
     local = in_partitions(write_short(tmp_path_factory.mktemp("local")), SIZE)
     assert np.array_equal(values_of(calibrate(Project.read(stored))), values_of(calibrate(local)))

@@ -10,7 +10,6 @@ from kennfeld.optimize.strategies.limit_excess import FEASIBLE, LimitRound
 from kennfeld.optimize.strategies.output_limits import OutputLimits
 from kennfeld.preprocessing.prepared_files import ENDING
 from kennfeld.project import Project
-from tests.draws import mostly_slow
 from tests.project.partitioned_projects import STEADY, TIMED, in_partitions, write_steady, write_timed
 
 OFF = '\n[optimizer]\ncontinuation = "off"\ntolerance = 1e-8\n'
@@ -68,13 +67,14 @@ def limits_of(path, size):
     return OutputLimits(project.problem())
 
 
-@pytest.fixture(scope="module", params=mostly_slow(WRITERS, [write_limited_drives]))
+@pytest.fixture(scope="module", params=WRITERS)
 def calibrated(request, tmp_path_factory):
     """A project file, and the results without and with partitions."""
     path = request.param(tmp_path_factory.mktemp("limited"))
     return path, Project.read(path).calibrate(), in_partitions(path, 100).calibrate()
 
 
+@pytest.mark.slow
 def test_a_calibration_ends_at_the_values_without_partitions_within_its_limits(calibrated):
     check_ends(*calibrated, 100)
 
@@ -94,10 +94,17 @@ def check_ends(path, plain, parted, size):
         assert [each.beyond for each in output_ranges(problem, parted.parameters)] == [0] * len(problem.limits)
 
 
+@pytest.mark.slow
 def test_the_samples_at_a_limit_and_their_derivatives_are_those_of_all_data(calibrated):
     path, result, parted_result = calibrated
     plain, parted = limits_of(path, None), limits_of(path, 100)
-    values = plain._penalised.values.pack(result.parameters)[: plain._penalised.values.free]
+    check_near_active(plain, parted, plain._penalised.values.pack(result.parameters)[: plain._penalised.values.free])
+    assert [(h.limit, h.directions, h.parameters) for h in parted_result.trust.holdings] == [
+        (h.limit, h.directions, h.parameters) for h in result.trust.holdings
+    ]
+
+
+def check_near_active(plain, parted, values):
     expected, other = plain.near_active(values), parted.near_active(values)
     assert expected.side.size >= 1
     assert np.array_equal(
@@ -106,9 +113,6 @@ def test_the_samples_at_a_limit_and_their_derivatives_are_those_of_all_data(cali
     )
     assert np.allclose(other.rows, expected.rows, rtol=1e-9, atol=1e-12)
     assert np.allclose(other.excess, expected.excess, rtol=0, atol=1e-12)
-    assert [(h.limit, h.directions, h.parameters) for h in parted_result.trust.holdings] == [
-        (h.limit, h.directions, h.parameters) for h in result.trust.holdings
-    ]
 
 
 @pytest.mark.parametrize("write", WRITERS)
@@ -121,6 +125,7 @@ def test_violations_are_named_like_those_without_partitions(tmp_path, write):
     expected, other = plain.measure(start), parted.measure(start)
     assert other.largest == pytest.approx(expected.largest, rel=1e-12)
     assert other.squares == pytest.approx(expected.squares, rel=1e-12)
+    check_near_active(plain, parted, start)
 
 
 @pytest.mark.parametrize("write", WRITERS)
@@ -234,3 +239,5 @@ def test_the_cost_of_the_result_is_that_without_penalty(tmp_path):
     assert result.cost_after == pytest.approx(
         run.objective.cost(run.exact.values.pack(result.parameters)[: run.exact.values.free]), rel=1e-9
     )
+    plain = Project.read(path).calibrate()
+    assert np.allclose(values_of(result), values_of(plain), rtol=1e-6)

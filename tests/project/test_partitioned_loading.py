@@ -157,8 +157,12 @@ def test_a_calibration_ends_at_the_same_values(fitted):
         assert other.max_abs_after == pytest.approx(row.max_abs_after, rel=1e-2)
 
 
+@pytest.mark.slow
 def test_uncertainties_are_those_of_all_data(few_fitted):
-    plain, parted = (result.trust for result in few_fitted)
+    assert_same_trust(*(result.trust for result in few_fitted))
+
+
+def assert_same_trust(plain, parted):
     assert parted.noise == pytest.approx(plain.noise, rel=1e-4)
     for name in plain.deviation:
         assert np.array_equal(parted.samples[name], plain.samples[name])
@@ -232,7 +236,7 @@ def test_sample_weights_have_groups_of_their_own(tmp_path):
     path = write_few(tmp_path, text)
     plain, parted = Project.read(path).calibrate(), in_partitions(path, 150).calibrate()
     assert parted.cost_after == pytest.approx(plain.cost_after, rel=1e-7)
-    assert parted.trust.noise["TorqueModel"] == pytest.approx(plain.trust.noise["TorqueModel"], rel=1e-4)
+    assert_same_trust(plain.trust, parted.trust)
     assert len(parted.trust.estimate.groups) == len(plain.trust.estimate.groups) == 2
 
 
@@ -530,6 +534,7 @@ def test_the_weight_of_a_dataset_is_not_a_reason_to_read_again(tmp_path, monkeyp
     assert entries == set((tmp_path / ".kennfeld" / "partitions").iterdir())
 
 
+@pytest.mark.slow
 def test_folds_hold_out_partitions(tmp_path):
     parted = in_partitions(write_few(tmp_path, FEW + OFF + "max_iterations = 4\n"), 150)
     validation = cross_validate(parted.problem(), folds=2, options=parted.options)
@@ -639,6 +644,7 @@ def test_a_search_that_begins_with_some_recordings_ends_on_all_samples(tmp_path,
         assert parted.parameters[name].values == pytest.approx(plain.parameters[name].values, rel=1e-2, abs=1e-2)
 
 
+@pytest.mark.slow
 def test_smoothed_lookups_of_a_model_with_memory_use_the_same_recordings(tmp_path, few_recordings):
     path = write_many(tmp_path, TIMED + "\n[optimizer]\nmax_iterations = 2\n")
     (tmp_path / "lag.kf").write_text("input u\nLagged = K(PT1(u, T))\n")

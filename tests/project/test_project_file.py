@@ -277,7 +277,7 @@ steady = [{ channel = "n", window = 5, tolerance = 1 }, { channel = "half", wind
 TOKENS = [*'=[]{}",.#', "\n", "nan", "-1", "true", "'", "[[dataset]]", "x = 1", "1e999", "inf", '"', "é", "\t"]
 
 
-@few_or_many(data=st.data(), few=50, many=400)
+@few_or_many(data=st.data(), few=25, many=400)
 def test_a_damaged_project_file_is_read_or_refused(shop, sound_toml, data):
     text = (
         sound_toml.replace("[[dataset]]", STEADY)

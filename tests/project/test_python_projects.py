@@ -45,7 +45,6 @@ def test_a_project_with_a_function_in_python_is_calibrated(tmp_path, capsys):
     path = write_calling(tmp_path)
     assert cli.run(["check", "--trust", str(path)]) == 0
     assert "line 5 cannot be translated" in capsys.readouterr().err
-    assert cli.run(["calibrate", "--trust", str(path)]) == 0
     whole = Project.read(path).calibrate()
     parted = in_partitions(path, 150).calibrate()
     for name in ("K", "T"):

@@ -327,3 +327,18 @@ def test_damaged_shifts_name_their_file(text, tmp_path):
     (tmp_path / "result.json").write_text(text)
     with pytest.raises(InputError, match=r"result\.json.*its shifts cannot be read"):
         read_shifts(tmp_path)
+
+
+def test_changed_labels_are_written_with_their_values_and_no_others(tmp_path):
+    class Changing(Line):
+        formats = (".dcm", ".cdfx", ".hex")
+        further_results = (".changed",)
+
+    start = {"a": 0.0, "b": 2.0}
+    half = calibrate("y = a + b * x", {"x": [0.0, 1, 2], "t": [1.0, 3, 5]}, start, target="t", free=["a"])
+    written = write(half, Changing(), tmp_path)
+    changed = [path.name for path in written if path.name.startswith("changed")]
+    assert changed == ["changed.cdfx", "changed.dcm"]
+    for name in changed:
+        assert {label: p.value for label, p in read_parameters(tmp_path / name).items()} == {"a": pytest.approx(1.0)}
+    assert list(read_parameters(tmp_path / "parameters.json")) == ["a", "b"]

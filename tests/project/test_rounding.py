@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from kennfeld import Axis, Curve, Scalar
 from kennfeld.calfiles import read
 from kennfeld.cli import run
 from kennfeld.project import Project
@@ -57,7 +58,7 @@ def test_a_result_that_is_read_back_has_its_rounding_and_the_report_a_section(fl
     rounding = result.rounding
     assert rounding.as_json() == project.calibrate().rounding.as_json()
     page = document(project, result)
-    assert "Rounding to storage" in page
+    assert "What is flashed" in page
     assert "No value is farther than 2 steps from the fit." in page
 
 
@@ -104,3 +105,18 @@ def test_what_is_not_rounded_is_a_remark_of_the_check(flash):
 def test_errors_of_the_rounding_are_findings(flash, old, new, message):
     flash.change(json.dumps(FORMATS), '["dcm"]')
     assert message in "\n".join(flash.change(old, new).errors())
+
+
+def test_a_group_axis_of_the_initial_file_gets_a_step_in_its_section(shop):
+    speed = Axis([1010, 2000, 3020], name="AxisSpeed")
+    shop.values("start.json", Curve("Gain", speed, [1.0, 1.0, 1.0]), Scalar("offset", 0.0))
+    shop.change('initial = "start.json"', 'initial = "start.json"\nrounding = "joint"').add(
+        "[axes.AxisSpeed]\nstep = 50\n"
+    )
+    texts = [str(finding) for finding in shop.project.check()]
+    assert any("2 breakpoints of AxisSpeed rounded to the step of 50 before the fit" in text for text in texts)
+    assert not [text for text in texts if "no table of this file uses the axis" in text]
+    points = shop.project.problem().parameters["Gain"].axes[0].breakpoints
+    assert points.tolist() == [1000, 2000, 3000]
+    shop.change('rounding = "joint"', "")
+    assert any("AxisSpeed" in text and "step requires rounding" in text for text in shop.errors())

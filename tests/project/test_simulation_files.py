@@ -6,7 +6,6 @@ import numpy as np
 import pyarrow
 import pyarrow.parquet
 import pytest
-from asammdf import MDF, Signal
 from scipy.io import loadmat
 
 from kennfeld import cli
@@ -17,6 +16,7 @@ from kennfeld.project import Project
 from kennfeld.project.results import results_folder, write
 from kennfeld.project.simulated_recordings import simulated_recordings
 from kennfeld.project.simulation import SimulatedPart
+from tests.measurement.mdf_library import mdf_file, signal
 
 START = datetime(2026, 3, 1, 12, 30, 0, 250_000, tzinfo=timezone(timedelta(hours=1)))
 LATER = datetime(2026, 3, 2, 8, 0, tzinfo=UTC)
@@ -68,11 +68,11 @@ def record(path, samples, start, *, gap=None, missing=(), seed=0):
     speed = random.uniform(1.0, 5.0, samples)
     torque = 2.0 * speed + 1.0 + random.normal(0.0, 0.1, samples)
     torque[list(missing)] = np.nan
-    with MDF(version="4.10") as file:
+    with mdf_file(version="4.10") as file:
         file.start_time = start
         signals = [
-            Signal(speed, time, name="n", unit="rpm", comment="engine speed"),
-            Signal(torque, time, name="Torque", unit="Nm", comment="shaft torque"),
+            signal(speed, time, name="n", unit="rpm", comment="engine speed"),
+            signal(torque, time, name="Torque", unit="Nm", comment="shaft torque"),
         ]
         file.append(signals, common_timebase=True)
         file.save(path, overwrite=True)
@@ -102,7 +102,7 @@ def read_all(file, group, name):
 
 def test_each_recording_is_a_group_with_its_own_time_stamps_and_start(folder, recorded):
     assert cli.run(["simulate", str(folder / "kennfeld.toml"), "-o", str(folder / "out.mf4")]) == 0
-    with MDF(folder / "out.mf4") as file:
+    with mdf_file(folder / "out.mf4") as file:
         assert file.start_time == START
         labels = [group.channel_group.acq_name for group in file.groups]
         assert labels == ["drives: a.mf4", "drives: b.mf4", "fresh: c.mf4"]
@@ -119,7 +119,7 @@ def test_nodes_and_errors_are_those_of_the_simulation(folder, recorded):
     project = Project.read(folder / "kennfeld.toml")
     project.simulation().save(folder / "out.mf4")
     simulated = project.simulate()
-    with MDF(folder / "out.mf4") as file:
+    with mdf_file(folder / "out.mf4") as file:
         for name in ("y", "big part/1"):
             parts = [read_all(file, number, name).samples for number in (0, 1)]
             np.testing.assert_array_equal(np.concatenate(parts), simulated[0][name].values)
@@ -129,7 +129,7 @@ def test_nodes_and_errors_are_those_of_the_simulation(folder, recorded):
 
 def test_missing_values_are_invalid_samples(folder, recorded):
     Project.read(folder / "kennfeld.toml").simulation().save(folder / "out.mf4")
-    with MDF(folder / "out.mf4") as file:
+    with mdf_file(folder / "out.mf4") as file:
         for name in ("Torque", "y (error)"):
             invalid = read_all(file, 0, name).invalidation_bits
             assert np.flatnonzero(invalid).tolist() == [3, 4, 5]
@@ -139,7 +139,7 @@ def test_missing_values_are_invalid_samples(folder, recorded):
 
 def test_channels_have_units_and_comments(folder, recorded):
     Project.read(folder / "kennfeld.toml").simulation().save(folder / "out.mf4")
-    with MDF(folder / "out.mf4") as file:
+    with mdf_file(folder / "out.mf4") as file:
         described = {c.name: (c.unit, c.comment) for c in file.groups[1].channels}
     assert described == {
         "time": ("s", ""),
@@ -153,7 +153,7 @@ def test_channels_have_units_and_comments(folder, recorded):
 
 def test_pieces_are_numbered_if_a_recording_has_several(folder, recorded):
     Project.read(folder / "kennfeld.toml").simulation().save(folder / "out.mf4")
-    with MDF(folder / "out.mf4") as file:
+    with mdf_file(folder / "out.mf4") as file:
         assert read_all(file, 0, "piece").samples.tolist() == [1] * 25 + [2] * 15
         assert "piece" not in file.groups[1].channels
 
@@ -162,7 +162,7 @@ def test_different_start_times_are_reported(folder, recorded, capsys):
     record(folder / "b.mf4", 30, LATER, seed=1)
     assert cli.run(["simulate", str(folder / "kennfeld.toml"), "-o", str(folder / "out.mf4")]) == 0
     assert "out.mf4: the recordings start at different times" in capsys.readouterr().err
-    with MDF(folder / "out.mf4") as file:
+    with mdf_file(folder / "out.mf4") as file:
         assert file.start_time == START
         assert "recorded from 2026-03-02 08:00:00+00:00" in file.groups[1].channel_group.comment
         np.testing.assert_array_equal(file.get_master(1), recorded[1]["time"])
@@ -205,7 +205,7 @@ def test_points_without_time_have_none(folder, ending):
         assert struct["info"]["start_time"].size == 0
         np.testing.assert_array_equal(struct["y"], [2.5, 4.5, 6.5])
         return
-    with MDF(path) as file:
+    with mdf_file(path) as file:
         master = file.groups[0].channels[0]
         assert (master.name, master.sync_type) == ("sample", 4)
         assert file.start_time == datetime(1970, 1, 1, tzinfo=UTC)
@@ -217,7 +217,7 @@ def test_a_calibration_writes_simulation_files_among_its_results(folder, recorde
     result = project.calibrate()
     names = {path.name for path in write(result, project, results_folder(project.path))}
     assert {"simulation.parquet", "simulation.mf4", "simulation.mat"} <= names
-    with MDF(folder / "results" / "simulation.mf4") as file:
+    with mdf_file(folder / "results" / "simulation.mf4") as file:
         fitted = read_all(file, 2, "y").samples
     expected = result.parameters["k"].value * recorded[2]["Speed"] + result.parameters["offset"].value
     np.testing.assert_allclose(fitted, expected, rtol=1e-12)
@@ -263,7 +263,7 @@ def test_partitions_write_the_same_file(folder, recorded):
     project = Project.read(folder / "kennfeld.toml")
     parts = project.simulation().save(folder / "parts.mf4")
     assert any("data in partitions is not among the results" in str(finding) for finding in project.check())
-    with MDF(whole) as first, MDF(parts) as second:
+    with mdf_file(whole) as first, mdf_file(parts) as second:
         assert first.start_time == second.start_time
         for number, group in enumerate(first.groups):
             assert group.channel_group.comment == second.groups[number].channel_group.comment
@@ -279,8 +279,8 @@ def test_a_finer_step_of_the_model_does_not_change_the_recorded_samples(folder, 
     time = 3.0 + 0.1 * np.arange(40)
     columns = {"n": 2.0 + np.sin(time), "Torque": 4.0 + 0.1 * time}
     for name in ("a.mf4", "b.mf4", "c.mf4"):
-        with MDF(version="4.10") as file:
-            file.append([Signal(values, time, name=key) for key, values in columns.items()], common_timebase=True)
+        with mdf_file(version="4.10") as file:
+            file.append([signal(values, time, name=key) for key, values in columns.items()], common_timebase=True)
             file.save(folder / name, overwrite=True)
     lag = FORMULA.replace("k * Speed", "PT1(k * Speed, 0.5)")
     (folder / "torque.kf").write_text(f"step 0.02\n{lag}", encoding="utf-8")
@@ -288,7 +288,7 @@ def test_a_finer_step_of_the_model_does_not_change_the_recorded_samples(folder, 
     (folder / "kennfeld.toml").write_text(masked + partition, encoding="utf-8")
     project = Project.read(folder / "kennfeld.toml")
     simulation = project.simulation()
-    with MDF(simulation.save(folder / "out.mf4")) as file:
+    with mdf_file(simulation.save(folder / "out.mf4")) as file:
         assert len(file.groups) == 3
         for number in range(3):
             np.testing.assert_array_equal(file.get_master(number), time)

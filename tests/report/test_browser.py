@@ -202,6 +202,7 @@ def test_the_table_of_a_parameter_shows_the_values_of_the_result(show):
     assert set(cells()) == {1.0}
 
 
+@pytest.mark.slow
 @pytest.mark.guests
 def test_weights_are_drawn_as_cells_and_listed_by_rows(show):
     pytest.importorskip("onnx", reason="the package onnx is not installed")

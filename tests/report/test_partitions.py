@@ -171,6 +171,7 @@ def test_a_recording_that_is_cut_at_its_pieces_is_not_joined(tmp_path, node, siz
     assert [partition.samples for partition in partitions_of(problem, 0)] == sizes
 
 
+@pytest.mark.slow
 def test_ranges_of_limited_outputs_are_those_of_all_data(tmp_path, monkeypatch):
     limits = "".join(f'\n[[limit]]\nnode = "{node}"\nmax = 2.0\n' for node in ("y", "PT1(y, 0.5)"))
     path = write_paused_drives(tmp_path)

@@ -26,6 +26,8 @@ const screens: [Screen, string, number | string][] = [
   ["results", "Results", 5],
   ["plots", "Plots", 6],
   ["files", "Files", 7],
+  ["missing", "Missing terms", 8],
+  ["design", "Measure next", 9],
   ["control-unit", "Control unit", "E"],
 ];
 

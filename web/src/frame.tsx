@@ -213,6 +213,10 @@ const STEPS: Step[] = [
   },
 ];
 
+/** What a search beside the calibration does, or what the last one has found. */
+const searchDetail = (search: "terms" | "design", verb: string) => (): string =>
+  state.value[search].state === "running" ? verb : state.value[search].detail;
+
 export function Rail() {
   return (
     <nav class="rail" aria-label="Steps">
@@ -223,6 +227,12 @@ export function Rail() {
       <StepButton step={{ screen: "plots", key: 6, title: "Plots", detail: () => "" }} />
       <StepButton step={{ screen: "files", key: 7, title: "Files", detail: () => "compare, merge, convert" }} />
       <hr />
+      <StepButton
+        step={{ screen: "missing", key: 8, title: "Missing terms", detail: searchDetail("terms", "looking") }}
+      />
+      <StepButton
+        step={{ screen: "design", key: 9, title: "Measure next", detail: searchDetail("design", "computing") }}
+      />
       <StepButton step={{ screen: "control-unit", key: "E", title: "Control unit", detail: () => written.value }} />
       <span style={{ flex: 1 }} />
       <hr />

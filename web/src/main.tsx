@@ -29,7 +29,9 @@ const before = state.value;
 
 const LAZY = {
   "control-unit": lazy(async () => (await import("./screens/control-unit")).ControlUnitScreen),
+  design: lazy(async () => (await import("./screens/design")).DesignScreen),
   files: lazy(async () => (await import("./screens/files")).Files),
+  missing: lazy(async () => (await import("./screens/missing")).MissingScreen),
   function: lazy(async () => (await import("./screens/function")).FunctionScreen),
   plots: lazy(async () => (await import("./screens/plots")).Plots),
 };
@@ -37,8 +39,10 @@ const LAZY = {
 const SHOWN: Record<Screen, () => JSX.Element> = {
   "control-unit": LAZY["control-unit"].Shown,
   data: Data,
+  design: LAZY.design.Shown,
   files: LAZY.files.Shown,
   function: LAZY.function.Shown,
+  missing: LAZY.missing.Shown,
   start: Start,
   parameters: Parameters,
   optimization: Optimization,

@@ -726,7 +726,7 @@ export interface SectionRow {
   by: string;
   form: KeyForm;
   heading: string;
-  screen: "data" | "function" | "parameters" | "optimization" | "results";
+  screen: "data" | "function" | "parameters" | "optimization" | "results" | "design";
 }
 
 /** The kind of a value, and what its field needs. */
@@ -1504,6 +1504,319 @@ export interface ExistingFiles {
   existing: string[];
 }
 
+/** The choices of a design, and the outcome of the last one. */
+export interface Designs {
+  /** True if the training data are recordings over time. */
+  timed: boolean;
+  /** True if the function remembers, so that a drive settles it and points do not. */
+  memory: boolean;
+  /** The free ones. */
+  parameters: DesignParameter[];
+  /**
+   * Sentences on joint changes that the data of the last run hardly notice, in the order of their numbers, the
+   * undetermined ones first.
+   */
+  directions: string[];
+  /** Null if there is none yet. */
+  found: FoundDesign | null;
+}
+
+/** A free parameter; `without_data` grid points have no samples. */
+export interface DesignParameter {
+  name: string;
+  unit: string;
+  values: number;
+  withoutData: number;
+}
+
+/** The outcome. */
+export interface FoundDesign {
+  /** True if values, function or data have changed since. */
+  old: boolean;
+  segments: SegmentRow[];
+  points: PointRow[];
+  /** Of the points. */
+  channels: string[];
+  planned: PlannedRow[];
+  /** Recordings that can go, the first is missed least. */
+  drop: string[];
+  /** Time before each segment, in s. */
+  warmup: number;
+  /** Predicted mean variance of prediction over the use, relative to now. */
+  factor: number | null;
+  /** Of all segments with their warm-up, or of the points on the bench, in s. */
+  duration: number;
+  sentences: string[];
+  /** What the design leaves open, in sentences. */
+  unsettled: string[];
+  /** Warnings and remarks. */
+  remarks: Remark[];
+  tables: DesignTableRow[];
+  formats: ("csv" | "xlsx" | "mf4" | "parquet" | "json")[];
+  seconds: number;
+}
+
+/** A piece of a recording to drive. */
+export interface SegmentRow {
+  file: string;
+  /** Time stamp in the file at which it begins to count, in s. */
+  begin: number;
+  end: number;
+  /** The values that it determines and the others do not. */
+  settles: string;
+  /** Mean variance over the use after it and those before it, relative to now. */
+  left: number | null;
+}
+
+/** A steady point, with its channels in the order of the list. */
+export interface PointRow {
+  channels: number[];
+  block: number;
+  kind: string;
+}
+
+/** A planned manoeuvre, with its duration in s. */
+export interface PlannedRow {
+  name: string;
+  duration: number;
+  channels: string[];
+}
+
+/** A warning or a remark, with what to do about it. */
+export interface Remark {
+  severity: "error" | "warning" | "remark";
+  message: string;
+  remedy: string;
+}
+
+/** The standard deviations of a table now and as predicted; null if one is undetermined. */
+export interface DesignTableRow {
+  name: string;
+  unit: string;
+  /** Number of axes; tables with one or two can be drawn. */
+  axes: number;
+  median: [number | null, number | null];
+  greatest: [number | null, number | null];
+  /** Values whose deviation falls to less than a half. */
+  settled: number;
+}
+
+/** A table of the last design. */
+export interface AskedMap {
+  name: string;
+}
+
+/** A table of the last design, and the operation over its axes. */
+export interface DesignMap {
+  name: string;
+  unit: string;
+  /** Of the table. */
+  axes: DesignAxis[];
+  /** For each value, true if no sample informs it; empty if unknown. */
+  empty: boolean[];
+  /** Where the steps of each segment begin in `way_x`, or points. */
+  ways: number[];
+  /** True if the ways are drives. */
+  isDrive: boolean;
+}
+
+/** An axis of a table. */
+export interface DesignAxis {
+  input: string;
+  unit: string;
+  points: number[];
+}
+
+/** The arrays of DesignMap. */
+export interface DesignMapArrays {
+  /** At the fit, in C order. */
+  values: Float32Array;
+  /** Standard deviation now; infinite if undetermined. */
+  before: Float32Array;
+  /** As predicted. */
+  after: Float32Array;
+  /** Of recorded samples. */
+  x: Float32Array;
+  /** The same along the second axis. */
+  y: Float32Array;
+  /** Of the segments, one after the other, or of the points. */
+  wayX: Float32Array;
+  /** The same along the second axis. */
+  wayY: Float32Array;
+}
+
+/** A file of the last design; `force` replaces another one. */
+export interface DesignExport {
+  format: "csv" | "xlsx" | "mf4" | "parquet" | "json";
+  force?: boolean;
+}
+
+/** The file that was written, relative to the folder of the project. */
+export interface WrittenDesign {
+  file: string;
+}
+
+/** Candidates for a search, and the outcome of the last one. */
+export interface MissingTerms {
+  /** Of the first criterion. */
+  node: string;
+  unit: string;
+  channels: TermChannel[];
+  kinds: TermKind[];
+  /** Those that can take part. */
+  nodes: string[];
+  /** Null if none has found anything yet. */
+  found: FoundTerms | null;
+}
+
+/** A channel of the recordings; `reason` says why it takes no part, as a clause. */
+export interface TermChannel {
+  name: string;
+  unit: string;
+  reason: string;
+}
+
+/** A kind of terms, with the number of nodes at which it is tried; 0 for lags of data that have no time. */
+export interface TermKind {
+  name: "add" | "multiply" | "lag" | "delay";
+  places: number;
+}
+
+/** The outcome of a search. */
+export interface FoundTerms {
+  /** True if values, function or data have changed since. */
+  old: boolean;
+  status: string;
+  /** The verdict, a sentence. */
+  message: string;
+  /** RMSE of the least effect that would have been seen. */
+  smallest: number | null;
+  unit: string;
+  candidates: number;
+  /** Candidates that were fitted, and all that were to be; null if the search has ended. */
+  stopped: [number, number] | null;
+  proposals: TermRow[];
+  /** Candidates that are not proposed, in words. */
+  rejected: string[];
+  /** Channels that took no part, with the reason. */
+  excluded: [string, string][];
+  remarks: string[];
+  seconds: number;
+}
+
+/** A proposal. */
+export interface TermRow {
+  /** In words. */
+  change: string;
+  node: string;
+  kind: "add" | "multiply" | "lag" | "delay";
+  channel: string;
+  training: BeforeAfter;
+  heldOut: BeforeAfter;
+  /** What was held out. */
+  heldName: string;
+  test: BeforeAfter | null;
+  /** Root of the difference of the squared errors on held-out data. */
+  explains: number | null;
+  /** Held-out parts that the term makes better, of `parts`. */
+  better: number;
+  parts: number;
+  /** Number of values of the term. */
+  values: number;
+  /** The first and the last breakpoint of a curve, each with its value. */
+  ends: [number, number][];
+  /** Others that the data cannot tell from it. */
+  places: PlaceRow[];
+  heldOutParts: HeldOutRow[];
+  /** Of the node in the source of the function. */
+  location: string;
+}
+
+/** An RMSE without a term and with it. */
+export interface BeforeAfter {
+  before: number | null;
+  after: number | null;
+}
+
+/** A node at which a term explains as much as at the one that is proposed; `number` names it in questions. */
+export interface PlaceRow {
+  number: number;
+  node: string;
+  kind: "add" | "multiply" | "lag" | "delay";
+  change: string;
+}
+
+/** The errors on a part of the data that was held out. */
+export interface HeldOutRow {
+  name: string;
+  samples: number;
+  rmse: BeforeAfter;
+}
+
+/** A proposal, from 0, at its best place or at an equal one, from 0. */
+export interface AskedTerm {
+  number: number;
+  place?: number | null;
+}
+
+/** A proposal in detail. */
+export interface ShownTerm {
+  /** Name of the new parameter; empty for a delay. */
+  parameter: string;
+  /** The channel, with its unit in `input_unit`. */
+  input: string;
+  inputUnit: string;
+  /** Breakpoints of a curve. */
+  points: number[];
+  /** Its values; the time constant of a lag. */
+  now: number[];
+  /** Standard deviation of each; null if nothing determines one. */
+  deviation: (number | null)[];
+  /** The value without effect. */
+  neutral: number;
+  /** False at an equal place, where the values are those without effect. */
+  fitted: boolean;
+  /** Node whose errors are drawn. */
+  criterion: string;
+  /** Of the errors. */
+  unit: string;
+  /** Samples by bin of the channel. */
+  counts: number[];
+  /** What changes; empty if the function has changed since. */
+  files: ChangedFile[];
+  /** The term as a line of formula text, for a function that is not. */
+  text: string;
+  /** Why it cannot be written; empty if it can. */
+  reason: string;
+}
+
+/** The change of a file. */
+export interface ChangedFile {
+  file: string;
+  lines: ChangedLine[];
+}
+
+/** A line of a changed text; `sign` is `+`, `-` or a space, `line` its number before or after, 0 for a gap. */
+export interface ChangedLine {
+  sign: string;
+  line: number;
+  text: string;
+}
+
+/** The arrays of ShownTerm. */
+export interface ShownTermArrays {
+  /** Of the bins. */
+  edges: Float32Array;
+  /** Mean error by bin without the term. */
+  before: Float32Array;
+  /** With it. */
+  after: Float32Array;
+  /** Channel of some samples. */
+  x: Float32Array;
+  /** Their errors without the term. */
+  error: Float32Array;
+}
+
 /** The calibration files of the folder. */
 export interface CalibrationFiles {
   files: ListedCalibration[];
@@ -1833,6 +2146,36 @@ export interface StorageEdit {
   storage?: string | null;
 }
 
+/** The question of a design; what is null is chosen from the data. */
+export interface DesignQuestion {
+  points?: number | null;
+  segments?: number | null;
+  /** Find recordings that add nothing. */
+  reduce?: boolean;
+  /** With `reduce`: recordings that are kept. */
+  keep?: number | null;
+  /** Recordings or points to choose from, paths or patterns. */
+  candidates?: string[];
+  /** Parameters that points should determine. */
+  names?: string[];
+  /** Number of the direction that points should determine, from 1. */
+  direction?: number | null;
+}
+
+/** The scope of a search; null for all. */
+export interface TermQuestion {
+  channels?: string[] | null;
+  nodes?: string[] | null;
+  kinds?: ("add" | "multiply" | "lag" | "delay")[] | null;
+  /** Effect that a proposal must explain on held-out data, in the unit of the target. */
+  least?: number;
+}
+
+/** The title of the command that applied a term. */
+export interface AppliedTerm {
+  title: string;
+}
+
 /** Recent projects, the demos, the folder in which new projects are made, and the version of Kennfeld. */
 export interface KnownProjects {
   recent: RecentRow[];
@@ -1945,6 +2288,8 @@ export interface AppState {
   /** Titles of edits that wait for the end of the run. */
   waiting: string[];
   training: TrainingState;
+  terms: SearchState;
+  design: SearchState;
   runs: RunRow[];
   seconds: number;
   /** Files of the project that another program has changed, each with how. */
@@ -1985,7 +2330,7 @@ export interface FindingRow {
   /** Place within the file: `[model] step`. */
   path: string;
   /** The screen on which it is solved. */
-  screen: "data" | "function" | "parameters" | "optimization" | "results";
+  screen: "data" | "function" | "parameters" | "optimization" | "results" | "design";
 }
 
 /** A file whose code, or an address that, has not been allowed. */
@@ -2011,6 +2356,19 @@ export interface TrainingState {
   file: string;
   seconds: number;
   lines: string[];
+}
+
+/** The running or last search beside the calibration: idle, running, ended, failed or stopped. */
+export interface SearchState {
+  state: string;
+  /** What it does; why it failed. */
+  text: string;
+  /** Parts that are done, of `parts`; 0 if their number is not known. */
+  done: number;
+  parts: number;
+  seconds: number;
+  /** What it has found, in a few words. */
+  detail: string;
 }
 
 /** A calibration of this session. */
@@ -2123,6 +2481,11 @@ export interface Questions {
   "finer-storage": { asks: AskedTrial; head: FinerRow; arrays: Nothing };
   code: { asks: AskedCode; head: CodeReply; arrays: Nothing };
   "write-unit": { asks: UnitCommand; head: WrittenUnit | ExistingFiles; arrays: Nothing };
+  designs: { asks: Nothing; head: Designs; arrays: Nothing };
+  "design-map": { asks: AskedMap; head: DesignMap; arrays: DesignMapArrays };
+  "export-design": { asks: DesignExport; head: WrittenDesign | ExistingFiles; arrays: Nothing };
+  missing: { asks: Nothing; head: MissingTerms; arrays: Nothing };
+  term: { asks: AskedTerm; head: ShownTerm; arrays: ShownTermArrays };
   calibrations: { asks: Nothing; head: CalibrationFiles; arrays: Nothing };
   contents: { asks: AskedContents; head: SetContents; arrays: Nothing };
   differences: { asks: AskedDifferences; head: SetDifferences; arrays: Nothing };
@@ -2154,6 +2517,11 @@ export interface Questions {
   "add-files": { asks: AddedFiles; head: FileKinds; arrays: Nothing };
   "take-values": { asks: TakeCommand; head: TakenValues; arrays: Nothing };
   "set-storage": { asks: StorageEdit; head: Nothing; arrays: Nothing };
+  "propose-design": { asks: DesignQuestion; head: Nothing; arrays: Nothing };
+  "stop-design": { asks: Nothing; head: Nothing; arrays: Nothing };
+  look: { asks: TermQuestion; head: Nothing; arrays: Nothing };
+  "stop-looking": { asks: Nothing; head: Nothing; arrays: Nothing };
+  "apply-term": { asks: AskedTerm; head: AppliedTerm; arrays: Nothing };
   projects: { asks: Nothing; head: KnownProjects; arrays: Nothing };
   open: { asks: ProjectPath; head: Nothing; arrays: Nothing };
   show: { asks: ProjectId; head: Nothing; arrays: Nothing };

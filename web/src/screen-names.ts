@@ -8,6 +8,8 @@ export const SCREENS = [
   "results",
   "plots",
   "files",
+  "missing",
+  "design",
   "control-unit",
   "start",
 ] as const;

@@ -28,6 +28,8 @@ const EMPTY: AppState = {
   job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0, validates: false },
   waiting: [],
   training: { state: "idle", file: "", seconds: 0, lines: [] },
+  terms: { state: "idle", text: "", done: 0, parts: 0, seconds: 0, detail: "" },
+  design: { state: "idle", text: "", done: 0, parts: 0, seconds: 0, detail: "" },
   parameters: [],
   freeValues: 0,
   datasets: [],

@@ -39,6 +39,8 @@ const project: AppState = {
   },
   job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0, validates: false },
   training: { state: "idle", file: "", seconds: 0, lines: [] },
+  terms: { state: "idle", text: "", done: 0, parts: 0, seconds: 0, detail: "" },
+  design: { state: "idle", text: "", done: 0, parts: 0, seconds: 0, detail: "" },
   nodes: [{ name: "trq", unit: "Nm" }],
   criteria: [{ node: "trq", target: "torque", unit: "Nm" }],
   datasets: [

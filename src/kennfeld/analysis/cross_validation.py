@@ -75,10 +75,11 @@ def folds_of_partitions(partitions: Sequence[Partition], count: int, kind: Kind,
         raise InputError.of(PLACE, message, "Use fewer folds, or smaller partitions.")
     order = np.random.default_rng(seed).permutation(len(partitions))
     groups = [[partitions[at] for at in sorted(order[number::count])] for number in range(count)]
-    return [PartitionFold(_name_partitions(group), tuple(group)) for group in groups]
+    return [PartitionFold(name_partitions(group), tuple(group)) for group in groups]
 
 
-def _name_partitions(partitions: Sequence[Partition]) -> str:
+def name_partitions(partitions: Sequence[Partition]) -> str:
+    """Return the files of partitions, the first one and how many more there are."""
     files = list(dict.fromkeys(part.source.name for partition in partitions for part in partition.parts))
     return join_names(files, 1)
 

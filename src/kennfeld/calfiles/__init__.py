@@ -19,7 +19,7 @@ from kennfeld.domain.parameter_set import use_writer
 
 if TYPE_CHECKING:
     from kennfeld.calfiles.a2l.image_files import A2lFile, describe_a2l
-    from kennfeld.calfiles.comparison import Comparison, Difference, Tolerance, compare
+    from kennfeld.calfiles.comparison import Comparison, Difference, Tolerance, changed, compare
     from kennfeld.calfiles.merging import Change, Merged, merge
 
 __all__ = [
@@ -31,6 +31,7 @@ __all__ = [
     "Merged",
     "ParameterSummary",
     "Tolerance",
+    "changed",
     "compare",
     "describe",
     "describe_a2l",
@@ -47,7 +48,7 @@ __all__ = [
 __getattr__ = lazy_names(
     __name__,
     {
-        "comparison": "Comparison Difference Tolerance compare",
+        "comparison": "Comparison Difference Tolerance changed compare",
         "a2l.image_files": "A2lFile describe_a2l",
         "merging": "Change Merged merge",
     },

@@ -140,6 +140,35 @@ def compare(left: ParameterSet, right: ParameterSet, tolerance: Tolerance | None
     return Comparison(tuple(results), compared)
 
 
+def changed(parameters: ParameterSet, since: ParameterSet, tolerance: Tolerance | None = None) -> ParameterSet:
+    """Return the parameters and texts that differ from those of another set, or that it does not have.
+
+    A table whose group axis differs is among them. A file of the result is a new one, not a copy of that which the
+    parameters were read from.
+
+    Args:
+        parameters: The set.
+        since: The other one.
+        tolerance: The largest difference that counts as equal; none by default.
+
+    >>> from kennfeld.domain.parameters import Scalar
+    >>> old = ParameterSet([Scalar("K", 1.0), Scalar("L", 2.0)])
+    >>> list(changed(ParameterSet([Scalar("K", 1.0), Scalar("L", 3.0)]), old))
+    ['L']
+    """
+    labels = set(compare(since, parameters, tolerance).labels)
+    kept = [
+        item
+        for item in parameters.parameters
+        if item.name in labels or any(axis.name in labels for axis in item.axes if axis.name)
+    ]
+    used = {axis.name for item in kept for axis in item.axes} | labels
+    texts = [text for text in parameters.texts if text.name in labels]
+    axes = [axis for axis in parameters.axes if axis.name in used]
+    others = [item for item in parameters.others if item.name in labels]
+    return ParameterSet(kept, texts, axes, others)
+
+
 def _pair_items(left: ParameterSet, right: ParameterSet) -> Iterator[tuple[str, str, _Item | None, _Item | None]]:
     """Yield the items to compare with their common name and variant; None for a side without it."""
     ours, theirs = _items_by_name(left), _items_by_name(right)

@@ -16,6 +16,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.format import CalibrationSource
 
 ENDING = ".lab"
+VALUES = ".changed"  # in place of an ending: the labels that have changed, with their values
 _SECTION = re.compile(r"\[([^\[\]]+)\]\s*;*\s*\Z")
 _MEASURED, _FUNCTIONS = ("ramcell",), ("function", "functions")
 _OTHERS = ("settings", "group", "groups")  # sections that name no labels

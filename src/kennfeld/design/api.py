@@ -23,6 +23,7 @@ from kennfeld.design.region import BenchRegion
 from kennfeld.design.segment_design import design_segments, reduce_recordings
 from kennfeld.design.space_filling import fill
 from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
 from kennfeld.optimize.fit.result import Progress, Result
 from kennfeld.optimize.problem.problem import Problem
@@ -145,6 +146,21 @@ def _design(
     return _around(fitted, entry, request, supplied, _datasets(use, "use", problem), PLACE)
 
 
+@dataclass(frozen=True, eq=False)
+class ProjectDesign:
+    """The design of a project, with what it was made from.
+
+    Attributes:
+        design: the design.
+        fitted: the fit; None for a design without one.
+        candidates: recordings, points or planned manoeuvres that were chosen from.
+    """
+
+    design: Design
+    fitted: FittedFunction | None = None
+    candidates: tuple[Dataset, ...] = ()
+
+
 def design_project(
     project: Project,
     request: Request,
@@ -154,12 +170,27 @@ def design_project(
     settings: Mapping[str, Any] | None = None,
 ) -> Design:
     """Return the design of a project; see `design`. Warnings are among its findings."""
+    return made_design(project, request, candidates, use, progress, settings).design
+
+
+def made_design(
+    project: Project,
+    request: Request,
+    candidates: Sequence[str] = (),
+    use: Sequence[str] = (),
+    progress: Progress | None = None,
+    settings: Mapping[str, Any] | None = None,
+    values: ParameterSet | None = None,
+    *,
+    near: bool = False,
+) -> ProjectDesign:
+    """Return the design of a project with its fit; see `ProjectData.fit` for the values that this begins from."""
     request.check()
     entry = with_settings(project.file.design, settings or {})
     place = project.file.location("design")
     needs_fit = request.reduce or request.segments is not None or bool(request.names) or request.direction is not None
     if not needs_fit and entry.manoeuvres and request.n is None:
-        return plan_manoeuvres(entry, _project_region(project, entry, place))
+        return ProjectDesign(plan_manoeuvres(entry, _project_region(project, entry, place)))
     if not needs_fit and (entry.method != "auto" or not has_recordings(project)):
         data = ProjectData.of(project, candidates, ()) if candidates else None
         region = _project_region(project, entry, place)
@@ -168,11 +199,13 @@ def design_project(
             message = "there are no recordings: the points fill the ranges, and are not chosen for the function"
             finding = Finding(place, message, "Measure them, then run kennfeld design again.", severity="warning")
             proposal = replace(proposal, findings=(finding, *proposal.findings))
-        return proposal
+        return ProjectDesign(proposal)
     data = ProjectData.of(project, candidates, [*use, *(() if use else entry.use)], entry.use_weight)
     planned = _planned(entry, data.problem, place) if request.segments is not None and entry.manoeuvres else []
-    fitted = data.fit(progress)
-    return _around(fitted, entry, request, [*data.candidates, *planned], data.use, place, data.findings)
+    fitted, findings = data.fit(progress, values, near=near)
+    offered = (*data.candidates, *planned)
+    proposal = _around(fitted, entry, request, offered, data.use, place, [*data.findings, *findings])
+    return ProjectDesign(proposal, fitted, offered)
 
 
 def _planned(entry: DesignEntry, problem: Problem, place: Location) -> list[Dataset]:

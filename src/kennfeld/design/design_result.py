@@ -59,6 +59,7 @@ class Design:
         run: the points with blocks, replicates and the time between them; None without points.
         tables: planned manoeuvres.
         factor: predicted mean variance of prediction over the use, relative to that now; NaN if it is unknown.
+        course: the same after each segment and those before it.
         noise: standard deviation of the noise of each node, on which the prediction is based.
 
     >>> from kennfeld import design
@@ -79,6 +80,7 @@ class Design:
     run: BenchRun | None = field(default=None, repr=False)
     tables: tuple[TimeTable, ...] = field(default=(), repr=False)
     factor: float = float("nan")
+    course: tuple[float, ...] = field(default=(), repr=False)
     noise: Mapping[str, float] = field(default_factory=dict, repr=False)
 
     @classmethod

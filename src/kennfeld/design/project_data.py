@@ -4,10 +4,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from kennfeld.base.errors import Finding, InputError
+from kennfeld.base.errors import Finding, InputError, Location
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.design.fitted_function import FittedFunction
 from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.optimize.fit.result import Progress, Seconds
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.search.multistart import run
@@ -16,6 +17,7 @@ from kennfeld.preprocessing.recordings import find_recordings
 from kennfeld.project import Project
 
 CANDIDATES, USE = "candidates (--from)", "use of [design]"
+UNFINISHED = 1e-3  # share of the cost that a fit takes off, from which it is worth a remark
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,11 +70,26 @@ class ProjectData:
             tuple(findings),
         )
 
-    def fit(self, progress: Progress | None = None) -> FittedFunction:
-        """Calibrate the project and return the end of the fit."""
+    def fit(
+        self, progress: Progress | None = None, values: ParameterSet | None = None, *, near: bool = False
+    ) -> tuple[FittedFunction, tuple[Finding, ...]]:
+        """Calibrate the project and return the end of the fit.
+
+        Args:
+            progress: called after each accepted step.
+            values: those that the fit begins from; by default the initial values. If it changes them, a remark says so.
+            near: the values are those of a fit, so that one search from them is enough.
+        """
         options = replace(self.project.options, cluster=None)
-        result = run(self.problem, options, progress, Seconds(read=self.project.seconds_read))
-        return FittedFunction.of(result)
+        if near:
+            options = replace(options, starts=1, steps=(), continuation="off", save_every=0)
+        problem = self.problem if values is None else replace(self.problem, parameters=values)
+        result = run(problem, options, progress, Seconds(read=self.project.seconds_read))
+        findings: list[Finding] = []
+        if values is not None and result.cost_before - result.cost_after > UNFINISHED * result.cost_after:
+            message = f"the values were fitted further first: cost {result.cost_before:.4g} -> {result.cost_after:.4g}"
+            findings.append(Finding(Location("design"), message, severity="remark"))
+        return FittedFunction.of(result), tuple(findings)
 
 
 def _entry(first: DatasetEntry, name: str, files: tuple[str, ...]) -> DatasetEntry:

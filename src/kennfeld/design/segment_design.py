@@ -89,6 +89,7 @@ def design_segments(
         findings=findings.finish(),
         warmup=lead,
         factor=cover.of(chosen) / cover.of([]),
+        course=tuple(cover.of(chosen[: count + 1]) / cover.of([]) for count in range(len(chosen))),
     )
 
 

@@ -98,24 +98,27 @@ def factorial(region: BenchRegion, count: int) -> dict[str, Float]:
     """
     names = [name for name, (low, high) in region.ranges.items() if high > low]
     levels = dict.fromkeys(names, 1)
-    best = _grid(region, levels)
     grown = True
     while grown:
         grown = False
         # the channel with the fewest levels first, so that they stay alike
         for name in sorted(names, key=lambda n: (levels[n], names.index(n))):
             more = levels | {name: levels[name] + 1}
-            if int(np.prod([float(n) for n in more.values()])) > MOST_LEVELS:
-                continue
-            grid = _grid(region, more)
-            if not len(next(iter(grid.values()))) and np.prod([*more.values()]) > EMPTY:
-                continue
-            if len(next(iter(grid.values()))) <= count:
-                levels, best, grown = more, grid, True
+            points = int(np.prod([float(n) for n in more.values()]))
+            # so few fit wherever they are
+            if points <= min(count, EMPTY) or (points <= MOST_LEVELS and _fits(_grid(region, more), points, count)):
+                levels, grown = more, True
                 break
+    best = _grid(region, levels)
     if not len(next(iter(best.values()))):
         region.require_room(_grid(BenchRegion(region.ranges), dict.fromkeys(names, 9)), PLACE)
     return best
+
+
+def _fits(grid: dict[str, Float], points: int, count: int) -> bool:
+    """Return whether at most `count` points of a grid are in the region, of which one with many points has some."""
+    inside = len(next(iter(grid.values())))
+    return inside <= count and (inside > 0 or points <= EMPTY)
 
 
 def _grid(region: BenchRegion, levels: dict[str, int]) -> dict[str, Float]:

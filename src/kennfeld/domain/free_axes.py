@@ -54,6 +54,11 @@ def _places(parameters: ParameterSet) -> dict[AxisKey, list[tuple[str, int]]]:
     return places
 
 
+def axis_keys(parameters: ParameterSet) -> tuple[AxisKey, ...]:
+    """Return the keys of all axes."""
+    return tuple(_places(parameters))
+
+
 def free_axes(parameters: ParameterSet) -> dict[AxisKey, FreeAxis]:
     """Return the free axes by key; a group axis is free if it is in any of its tables.
 

@@ -88,6 +88,22 @@ class StorageGrid:
         """Round physical values, Float[...], to the nearest storable ones."""
         return self.values(np.clip(np.rint(self.positions(values)), self.least, self.largest))
 
+    def increasing(self, values: Float) -> Float:
+        """Round increasing values, Float[values], to different storable ones, as near as possible by least squares.
+
+        >>> StorageGrid(1.0).increasing(np.array([0.9, 1.0, 1.1, 5.2]))
+        array([0., 1., 2., 5.])
+        """
+        from scipy.optimize import isotonic_regression
+
+        # each whole number less its place does not fall; halves all to the same side, so that none of them meet
+        place = np.arange(values.size)
+        falling = self.slope < 0
+        numbers = self.positions(values[::-1] if falling else values) - place
+        level = np.clip(isotonic_regression(numbers).x, self.least, self.largest - (values.size - 1))
+        rounded = self.values(np.floor(level + 0.5) + place)
+        return rounded[::-1] if falling else rounded
+
     def holds(self, values: Float) -> Bool:
         """Mark the physical values that are stored as they are, Bool[...]."""
         return np.asarray(self.nearest(values) == values)
@@ -110,6 +126,28 @@ class StorageGrid:
 
 
 @dataclass(frozen=True)
+class FloatStorage:
+    """Storage of a label in floating point: the conversion of its numbers, and their precision.
+
+    >>> float(FloatStorage(single=True).nearest(np.array(0.1)))
+    0.10000000149011612
+    """
+
+    factor: float = 1.0
+    shift: float = 0.0
+    divisor: float = 1.0
+    single: bool = False
+
+    def nearest(self, values: Float) -> Float:
+        """Round physical values, Float[...], to the nearest storable ones."""
+        if not self.single:
+            return values
+        with np.errstate(over="ignore"):
+            numbers = np.float64(np.float32((values * self.divisor - self.shift) / self.factor))
+        return np.asarray((self.factor * numbers + self.shift) / self.divisor)
+
+
+@dataclass(frozen=True)
 class StorageRounding:
     """Settings of rounding the end of a calibration to what a control unit stores.
 
@@ -117,6 +155,7 @@ class StorageRounding:
         method: "joint" or "nearest".
         grids: the grid of each parameter that is rounded.
         axes: the grid of the breakpoints of each axis that is rounded.
+        floats: the parameters that are stored in floating point; with "joint", they make up for the rounding of others.
         max_shift: the largest distance from the fit, in steps.
         unrounded: why other labels of the file are not rounded, a clause by name.
         source: name of the file that the grids are from; may be empty.
@@ -131,6 +170,7 @@ class StorageRounding:
     method: RoundingMethod = "joint"
     grids: Mapping[str, StorageGrid] = field(default_factory=dict)
     axes: Mapping[AxisKey, StorageGrid] = field(default_factory=dict)
+    floats: Mapping[str, FloatStorage] = field(default_factory=dict)
     max_shift: float = MAX_SHIFT
     unrounded: Mapping[str, str] = field(default_factory=dict)
     source: str = ""
@@ -140,11 +180,14 @@ class StorageRounding:
             raise ArgumentError(f'rounding must be "joint" or "nearest", got {self.method!r}')
         object.__setattr__(self, "max_shift", number(self.max_shift, "max_shift", "the rounding", least=1))
 
-    def with_steps(self, steps: Mapping[str, float]) -> "StorageRounding":
-        """Return the rounding with steps of some parameters, which replace those of the file."""
+    def with_steps(self, steps: Mapping[str, float], axes: Mapping[AxisKey, float] | None = None) -> "StorageRounding":
+        """Return the rounding with steps of some parameters and breakpoints, which replace those of the file."""
         own = {name: StorageGrid.of_step(step, name) for name, step in steps.items()}
         rest = {name: reason for name, reason in self.unrounded.items() if name not in own}
-        return replace(self, grids={**self.grids, **own}, unrounded=rest)
+        floats = {name: storage for name, storage in self.floats.items() if name not in own}
+        points = {key: StorageGrid.of_step(step, str(key)) for key, step in (axes or {}).items()}
+        grids, of_axes = {**self.grids, **own}, {**self.axes, **points}
+        return replace(self, grids=grids, axes=of_axes, floats=floats, unrounded=rest)
 
     def bounds(self, table: Parameter) -> tuple[Float, Float]:
         """Narrow the bounds of a parameter to the range of its storage, so that a search ends within; Float[...] each.
@@ -175,6 +218,8 @@ def storage_findings(
         if grid is None:
             missing = f"{rounding.source} does not define it" if rounding.source else "its step is not known"
             reason = rounding.unrounded.get(name, missing)
+            if name in rounding.floats and rounding.method == "joint":
+                reason += "; its values make up for the rounding of others"
             yield Finding(location(name), f"{name} is not rounded: {reason}", severity="remark")
             continue
         low, high = grid.range_within(table.lower, table.upper)

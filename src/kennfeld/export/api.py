@@ -1,19 +1,26 @@
 """Export of a function with its calibration: `export_function`."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
 
-from kennfeld.base.errors import ArgumentError, Finding, Findings, Location
+from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location
 from kennfeld.base.file_errors import convert_errors
+from kennfeld.base.fmi_platform import platform_tuple
+from kennfeld.base.formatting import join_names
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.storage import StorageRounding
 from kennfeld.export.c_code import write_c
 from kennfeld.export.comparison import CodeComparison, compare
+from kennfeld.export.cross_compiler import PLATFORMS, CrossCompiler, Platform
 from kennfeld.export.host_compiler import HostCompiler
+from kennfeld.export.names import c_identifier
 from kennfeld.export.prepared import Precision, PreparedFunction, prepare
+from kennfeld.export.stored_numbers import with_stored_numbers
 from kennfeld.models import Model
 from kennfeld.models.model import bind_scalars
 from kennfeld.optimize.problem.arguments import Start, parameters_of
@@ -39,6 +46,8 @@ class ExportSettings:
         fmi: version of FMI, 2 or 3.
         inputs: of an FMU, "end" if inputs that are set before a step are those at its end, "start" if at its start.
         step: of an FMU in s; by default the step of the function.
+        platforms: machines for which an FMU has a library in addition to this one, such as "x86_64-windows".
+        stored: C code holds values as a control unit stores them, by the rounding of the project.
         check: compile the code and compare it with a simulation, if there are data and a compiler.
     """
 
@@ -49,6 +58,8 @@ class ExportSettings:
     fmi: Literal[2, 3] = 2
     inputs: Literal["start", "end"] = "end"
     step: float | None = None
+    platforms: tuple[Platform, ...] = ()
+    stored: bool = False
     check: bool = True
 
     def __post_init__(self) -> None:
@@ -57,8 +68,21 @@ class ExportSettings:
             value, allowed = getattr(self, name), get_args(kind)
             if value not in allowed:
                 raise ArgumentError(f"{name}={value!r} must be {' or '.join(map(repr, allowed))}")
+        if self.name and c_identifier(self.name) != self.name:
+            # a path in particular: its folder would be dropped without a word
+            remedy = f"for example {c_identifier(self.name)!r}"
+            raise ArgumentError(f"name={self.name!r} must be an identifier of C, {remedy}")
+        if unknown := [platform for platform in self.platforms if platform not in PLATFORMS]:
+            raise ArgumentError(f"platforms: unknown {unknown[0]!r}; known are {', '.join(PLATFORMS)}")
+        if self.platforms and self.to != "fmu":
+            raise ArgumentError(f"platforms={list(self.platforms)} is for to='fmu', not for to={self.to!r}")
+        for platform in self.platforms:
+            if platform != platform_tuple():
+                CrossCompiler.of(platform)  # before anything else takes time
         if self.precision == "float" and self.to != "c":
             raise ArgumentError(f"precision='float' is for to='c', not for to={self.to!r}")
+        if self.stored and self.to != "c":
+            raise ArgumentError(f"stored=True is for to='c', not for to={self.to!r}")
         if self.step is not None and not self.step > 0:
             raise ArgumentError(f"step={self.step!r} must be > 0")
 
@@ -107,6 +131,8 @@ def export_function(
     fmi: Literal[2, 3] = 2,
     inputs: Literal["start", "end"] = "end",
     step: float | None = None,
+    platforms: Sequence[Platform] = (),
+    stored: bool = False,
 ) -> Export:
     """Write a function with its calibration as C99, as an FMU or as a function of MATLAB.
 
@@ -124,6 +150,10 @@ def export_function(
         fmi: version of FMI, 2 or 3.
         inputs: of an FMU, "end" if inputs that are set before a step are those at its end, "start" if at its start.
         step: of an FMU in s; by default the step of the function.
+        platforms: machines for which an FMU has a library in addition to this one: "x86_64-windows", "x86_64-linux",
+            "aarch64-linux", "x86_64-darwin", "aarch64-darwin". They need the extra `platforms`.
+        stored: C code holds values as a control unit stores them, by the rounding of the project: as whole numbers of
+            8, 16 or 32 bits, which a lookup converts.
 
     Returns:
         The files written, with remarks.
@@ -135,7 +165,7 @@ def export_function(
     >>> [path.name for path in done.files]
     ['line.c', 'line.h']
     """
-    settings = ExportSettings(to, name, tuple(outputs), precision, fmi, inputs, step)
+    settings = ExportSettings(to, name, tuple(outputs), precision, fmi, inputs, step, tuple(platforms), stored)
     if isinstance(function, Project):
         values = None if parameters is None else start_parameters(parameters, function.problem().model)
         return export_project(function, values, Path(folder), settings)
@@ -158,7 +188,21 @@ def project_contents(project: Project, parameters: ParameterSet | None, settings
     name = Path(file.rpartition(":")[0] or file).stem
     location = Location(project.path.name)
     data = None if project.is_partitioned else problem
-    return _contents(problem.model, values, settings, location, name, data)
+    contents = _contents(problem.model, values, settings, location, name, data, problem.rounding)
+    kept = () if parameters is None else _kept_initial(problem, parameters, location)
+    return replace(contents, findings=(*kept, *contents.findings))
+
+
+def _kept_initial(problem: Problem, parameters: ParameterSet, location: Location) -> Iterator[Finding]:
+    """Yield a finding on the parameters of the function that a calibration does not state."""
+    needed = problem.model.graph.parameters
+    kept = [name for name in needed if name not in parameters]
+    if kept and len(kept) == len(needed):
+        message = "the calibration has no parameter of the function: the initial values are exported"
+        yield Finding(location, message, "Check the names in the calibration file.", severity="warning")
+    elif kept:
+        message = f"initial values are exported for {join_names(kept)}, which the calibration does not state"
+        yield Finding(location, message, severity="remark")
 
 
 def _model(function: Model | str, parameters: Start | None) -> Model:
@@ -176,12 +220,21 @@ def _contents(
     location: Location,
     name: str,
     problem: Problem | None,
+    rounding: StorageRounding | None = None,
 ) -> ExportContents:
     findings = Findings()
     # an FMU has the names of the function
     renamed = Findings() if settings.to == "fmu" else findings
     function = prepare(model, values, settings.name or name, location, renamed, settings.outputs, settings.precision)
-    comparison = _checked(function, settings, problem, location, findings) if settings.check else None
+    # what is compared is the C code, which says nothing about a function of MATLAB
+    checked = settings.check and settings.to != "m"
+    if settings.stored:
+        if rounding is None:
+            remedy = 'Write rounding = "joint" and storage = "....a2l" in [calibration], or a step for each parameter.'
+            raise InputError.of(location, "it is not known how a control unit stores the values", remedy)
+        function, remarks = with_stored_numbers(function, rounding)
+        findings.add(*remarks)
+    comparison = _checked(function, settings, problem, location, findings) if checked else None
     files = _files(function, settings, model.step or _step_of(problem), location, findings)
     return ExportContents(function.name, files, tuple(findings), comparison)
 
@@ -199,7 +252,9 @@ def _files(
 
     fixed = is_fixed_step(function)
     length = require_step(settings.step or step, fixed, location)
-    return write_fmu(function, FmuSettings(settings.fmi, settings.inputs, length, fixed), location, findings)
+    return write_fmu(
+        function, FmuSettings(settings.fmi, settings.inputs, length, fixed, settings.platforms), location, findings
+    )
 
 
 def _step_of(problem: Problem | None) -> float | None:

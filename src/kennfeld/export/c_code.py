@@ -10,6 +10,7 @@ from kennfeld.export.c_tangent import tangent_declaration, write_tangent
 from kennfeld.export.prepared import ExportedSignal, ParameterValues, Precision, PreparedFunction, comment_text
 
 WIDTH = 100
+INT32_MIN = -(2**31)
 
 
 def write_c(function: PreparedFunction, precision: Precision = "double", *, tangent: bool = False) -> dict[str, str]:
@@ -73,10 +74,26 @@ def _parameter_member(parameter: ParameterValues, kind: str) -> str:
     size = f"[{parameter.values.size}]" if parameter.shape else ""
     named = "" if parameter.name == parameter.member else parameter.name
     layout = " x ".join(map(str, parameter.shape)) + " values, row by x" if len(parameter.shape) > 1 else ""
-    note = comment_text(
-        ", ".join(filter(None, [named, f"[{parameter.unit}]" * bool(parameter.unit), layout, parameter.remark]))
-    )
+    unit, scale = f"[{parameter.unit}]" * bool(parameter.unit), ""
+    if parameter.stored is not None:
+        kind, scale = parameter.stored.kind, _conversion_text(parameter.stored.scale)
+    note = comment_text(", ".join(filter(None, [named, unit, scale, layout, parameter.remark])))
     return f"    {kind} {parameter.member}{size};" + (f" /* {note} */" if note else "")
+
+
+def _conversion_text(scale: tuple[float, float, float]) -> str:
+    """Return the conversion of stored numbers.
+
+    >>> _conversion_text((3.0, -40.0, 4.0))
+    'value = (3 * number - 40) / 4'
+    """
+    factor, shift, divisor = (repr(part).removesuffix(".0") for part in scale)
+    product = "number" if factor == "1" else f"{factor} * number"
+    sign = "-" if shift.startswith("-") else "+"
+    total = product if scale[1] == 0 else f"{product} {sign} {shift.removeprefix('-')}"
+    if divisor == "1":
+        return "" if total == "number" else f"value = {total}"
+    return f"value = ({total}) / {divisor}" if " " in total else f"value = {total} / {divisor}"
 
 
 def _signal_member(signal: ExportedSignal, kind: str) -> str:
@@ -122,6 +139,7 @@ def _source(function: PreparedFunction, arithmetic: CArithmetic, tangent: bool) 
         "",
         *pragma,
         *_axes(function, arithmetic),
+        *_scales(function, arithmetic),
         *_defaults(function, arithmetic),
     ]
     return "\n".join(lines) + "\n" + functions.text + "\n".join([*start, *_init(function), *step]) + "\n"
@@ -154,6 +172,31 @@ def _axis_users(function: PreparedFunction, number: int) -> str:
     return ", ".join(users)
 
 
+def _scales(function: PreparedFunction, arithmetic: CArithmetic) -> list[str]:
+    """Define the conversions of stored numbers."""
+    lines = []
+    for parameter in function.parameters:
+        if parameter.stored is not None:
+            values = ", ".join(arithmetic.literal(x) for x in parameter.stored.scale)
+            name = f"{function.name}_scale_{parameter.member}"
+            lines += [f"/* factor, shift and divisor of {comment_text(parameter.name)} */"]
+            lines += [f"static const {arithmetic.precision} {name}[3] = {{{values}}};", ""]
+    return lines
+
+
+def _literals(parameter: ParameterValues, arithmetic: CArithmetic) -> list[str]:
+    """Return the numbers of a parameter as C writes them."""
+    stored = parameter.stored
+    if stored is None:
+        return [arithmetic.literal(x) for x in parameter.values.ravel()]
+    if stored.kind == "float":
+        return [CArithmetic("float").literal(x) for x in stored.numbers.ravel()]
+    suffix = "U" if stored.kind.startswith("u") else ""
+    whole = [int(x) for x in stored.numbers.ravel()]
+    # -2147483648 would be the negative of a number that is too large
+    return [f"{x}{suffix}" if x != INT32_MIN else "(-2147483647 - 1)" for x in whole]
+
+
 def _numbers(values: Sequence[str]) -> list[str]:
     return wrap(", ".join(values), WIDTH, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False)
 
@@ -161,7 +204,7 @@ def _numbers(values: Sequence[str]) -> list[str]:
 def _defaults(function: PreparedFunction, arithmetic: CArithmetic) -> list[str]:
     lines = [f"const {function.name}_parameters {function.name}_defaults = {{"]
     for parameter in function.parameters:
-        values = [arithmetic.literal(x) for x in parameter.values.ravel()]
+        values = _literals(parameter, arithmetic)
         end = "" if parameter is function.parameters[-1] else ","
         if not parameter.shape:
             lines.append(f"    {values[0]}{end} /* {comment_text(parameter.name)} */")

@@ -106,6 +106,12 @@ static T N_inner_slope(T x, const T *points, int32_t i, int32_t n)
 
     return ((x >= points[0]) && (x <= points[n - 1])) ? slope : $0;
 }""",
+    "value": """\
+/* value of a stored number: factor, shift and divisor of its conversion */
+static T N_value(T number, const T *scale)
+{
+    return ((scale[0] * number) + scale[1]) / scale[2];
+}""",
     "part": """\
 /* part of a grid point in a value; one of weight 0 does not count, even if it is not finite */
 static T N_part(T weight, T value)
@@ -256,15 +262,17 @@ class CFunctions:
         """Return the name of a function, which becomes a part of the code."""
         return self._add(kind, lambda: _PLAIN[kind], _NEEDS.get(kind, ()))
 
-    def lookup(self, sides: str, slope: int | None = None) -> str:
+    def lookup(self, sides: str, slope: int | None = None, stored: str = "") -> str:
         """Return the name of the interpolation in a table, or of its slope along an axis.
 
         Args:
             sides: for each axis "c" if a coordinate has a cell there, or "s" if the axis has a single breakpoint.
             slope: the axis.
+            stored: the type of the numbers of the table, which are converted; empty for values.
         """
-        ending = "" if slope is None else f"_slope{slope}"
-        return self._add(f"lookup_{sides}{ending}", lambda: _lookup(sides, slope), ("part",))
+        ending = lookup_ending(slope, stored)
+        needs = ("part", "value") if stored else ("part",)
+        return self._add(f"lookup_{sides}{ending}", lambda: _lookup(sides, slope, stored), needs)
 
     def expansion(self, kernel: str) -> str:
         """Return the name of the function of an expansion in radial basis functions."""
@@ -314,7 +322,16 @@ class CFunctions:
         return self._arithmetic.literal(numbers[word]) if word in numbers else self._arithmetic.library(word)
 
 
-def _lookup(sides: str, slope: int | None = None) -> str:
+def lookup_ending(slope: int | None, stored: str) -> str:
+    """Return the ending of the name of an interpolation.
+
+    >>> lookup_ending(None, "uint8_t"), lookup_ending(1, "")
+    ('_uint8', '_slope1')
+    """
+    return ("" if slope is None else f"_slope{slope}") + (f"_{stored.removesuffix('_t')}" if stored else "")
+
+
+def _lookup(sides: str, slope: int | None = None, stored: str = "") -> str:
     """Write the interpolation between the grid points around a coordinate: the sum of weight times value.
 
     Weights are products along the axes, the first one first; grid points are added in the order of their values. Along
@@ -333,14 +350,16 @@ def _lookup(sides: str, slope: int | None = None) -> str:
             for weight, offset in corners
             for step, factor in enumerate(factors)
         ]
-    first, *others = [f"N_part({weight}, at[{offset or '0'}])" for weight, offset in corners]
-    lines = [*weights, f"const T *at = &values[{_offset(sides)}];", f"T sum = {first};", ""]
+    kind_of, number = stored or "T", "N_value((T)at[{}], scale)" if stored else "at[{}]"
+    first, *others = [f"N_part({weight}, {number.format(offset or '0')})" for weight, offset in corners]
+    lines = [*weights, f"const {kind_of} *at = &values[{_offset(sides)}];", f"T sum = {first};", ""]
     lines += [*(f"sum = sum + {part};" for part in others), "return sum;"]
     body = [f"    {line}" if line else "" for line in lines]
     kind = {1: "curve", 2: "map"}.get(len(sides), f"table of {len(sides)} axes")
     what = "value" if slope is None else f"slope along axis {slope + 1}"
-    ending = "" if slope is None else f"_slope{slope}"
-    head = f"static T N_lookup_{sides}{ending}({', '.join(_lookup_parameters(sides, slope))})"
+    ending, parameters = lookup_ending(slope, stored), _lookup_parameters(sides, slope, kind_of)
+    parameters += ["const T *scale"] if stored else []
+    head = f"static T N_lookup_{sides}{ending}({', '.join(parameters)})"
     return "\n".join([f"/* {what} of a {kind} */", head, "{", *body, "}"])
 
 
@@ -353,8 +372,8 @@ def _weights(side: str, axis: int, slope: int | None) -> list[str]:
     return [f"const T g{axis} = $1 - f{axis};" if side == "c" else f"const T g{axis} = $1 + (f{axis} * $0);"]
 
 
-def _lookup_parameters(sides: str, slope: int | None) -> list[str]:
-    parameters = ["const T *values"]
+def _lookup_parameters(sides: str, slope: int | None, kind: str) -> list[str]:
+    parameters = [f"const {kind} *values"]
     for axis, side in enumerate(sides):
         if side == "c":
             parameters.append(f"int32_t i{axis}")

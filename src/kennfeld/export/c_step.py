@@ -122,6 +122,10 @@ class StepWriter:
     def _table(self, table: TableRef, args: Sequence[int], pointer: str = "p", slope: int | None = None) -> str:
         """Return the lookup in a table of a struct, or its slope along an axis."""
         parameter = self._function.parameter(table.name)
+        stored = parameter.stored
+        scale = "" if stored is None else f"{self._function.name}_scale_{parameter.member}"
+        if not args and stored is not None:
+            return f"{self._functions('value')}(({self._type}){pointer}->{parameter.member}, {scale})"
         if not args:
             return f"{pointer}->{parameter.member}"
         sides = "".join("s" if count == 1 else "c" for count in parameter.shape)
@@ -130,7 +134,8 @@ class StepWriter:
             arguments += [f"i{place}"] if count > 1 else []
             arguments += [f"f{place}"] if axis != slope else []
             arguments += [str(count)] if counts_points(sides, axis) else []
-        return f"{self._functions.lookup(sides, slope)}({', '.join(arguments)})"
+        arguments += [scale] if scale else []
+        return f"{self._functions.lookup(sides, slope, '' if stored is None else stored.kind)}({', '.join(arguments)})"
 
     def _array(self, name: str, args: Sequence[int]) -> str:
         values = ", ".join(self.value(a) for a in args)

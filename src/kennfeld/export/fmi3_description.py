@@ -73,5 +73,8 @@ def _add_structure(root: Element, function: PreparedFunction, variables: Sequenc
         used = [str(reference[name, "input"]) for name in input_dependencies(function, at)]
         own = str(reference[signal.name, "output"])
         SubElement(structure, "Output", valueReference=own, dependencies=" ".join(used))
+    # first outputs may depend on all that is known then; some tools require that it is said
+    known = " ".join(str(number) for (_, causality), number in reference.items() if causality != "output")
     for signal in function.outputs:
-        SubElement(structure, "InitialUnknown", valueReference=str(reference[signal.name, "output"]))
+        own = str(reference[signal.name, "output"])
+        SubElement(structure, "InitialUnknown", valueReference=own, dependencies=known)

@@ -2,7 +2,7 @@
 
 import hashlib
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.resources import files
 from io import BytesIO
 from pathlib import Path
@@ -13,10 +13,11 @@ from uuid import UUID
 import numpy as np
 
 from kennfeld.base.errors import Findings, InputError, Location
-from kennfeld.base.fmi_platform import LIBRARY_SUFFIX, platform_folder
+from kennfeld.base.fmi_platform import LIBRARY_SUFFIX, SUFFIXES, platform_folder, platform_tuple
 from kennfeld.base.formatting import holds_control_characters, join_names
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.export.c_code import write_c
+from kennfeld.export.cross_compiler import CrossCompiler
 from kennfeld.export.fmi2_description import fmi2_description
 from kennfeld.export.fmi3_description import build_description, fmi3_description
 from kennfeld.export.fmu_variables import ExportedVariable, interface_of
@@ -37,12 +38,14 @@ class FmuSettings:
         inputs: "end" if inputs that are set before a step are those at its end, "start" if at its start.
         step: its step in s.
         fixed: True if steps of another length are errors.
+        platforms: machines for which it has a library in addition to this one, named as in FMI 3.0.
     """
 
     version: Literal[2, 3]
     inputs: Moment
     step: float
     fixed: bool
+    platforms: tuple[str, ...] = ()
 
     @property
     def rule(self) -> str:
@@ -83,10 +86,10 @@ def write_fmu(
     if settings.version == 3:
         members["sources/buildDescription.xml"] = build_description(function.name)
     members |= {f"sources/{name}": text for name, text in sources.items()}
-    library = _library(function.name, sources, location, findings)
-    if library is not None:
-        folder = platform_folder(f"{settings.version}.0")
-        members[f"binaries/{folder}/{function.name}{LIBRARY_SUFFIX}"] = library
+    for platform, library in _libraries(function.name, sources, settings.platforms, location, findings):
+        folder = platform_folder(f"{settings.version}.0", platform)
+        suffix = SUFFIXES.get(platform.partition("-")[2], LIBRARY_SUFFIX)
+        members[f"binaries/{folder}/{function.name}{suffix}"] = library
     return {f"{function.name}.fmu": _archive(members)}
 
 
@@ -167,17 +170,29 @@ def _model_header(
     return "\n".join(lines) + "\n"
 
 
-def _library(name: str, sources: Mapping[str, str], location: Location, findings: Findings) -> bytes | None:
-    compiler = HostCompiler.find()
-    if compiler is None:
-        message = "the FMU has sources only, as this machine has no C compiler"
+def _libraries(
+    name: str, sources: Mapping[str, str], platforms: Sequence[str], location: Location, findings: Findings
+) -> Iterator[tuple[str, bytes]]:
+    """Yield machines with their libraries; for this one, the compiler of the machine is preferred."""
+    own, host = platform_tuple(), HostCompiler.find()
+    others = [platform for platform in platforms if platform != own or host is None]
+    if host is not None:
+        yield own, _library(host, name, sources, LIBRARY_SUFFIX)
+    elif own not in platforms:
+        has = "sources only" if not others else "no library for this machine"
+        message = f"the FMU has {has}, as this machine has no C compiler"
         findings.warning(location, message, "Install gcc or clang, or set CC, and export again; or compile sources/.")
-        return None
+    for platform in others:
+        suffix = SUFFIXES[platform.partition("-")[2]]
+        yield platform, _library(CrossCompiler.of(platform), name, sources, suffix)
+
+
+def _library(compiler: HostCompiler, name: str, sources: Mapping[str, str], suffix: str) -> bytes:
     with TemporaryDirectory(prefix="kennfeld-", ignore_cleanup_errors=True) as temporary:
         folder = Path(temporary)
         for file, text in sources.items():
             (folder / file).write_text(text, encoding="utf-8")
-        target = folder / f"{name}{LIBRARY_SUFFIX}"
+        target = folder / f"{name}{suffix}"
         compiler.shared_library([folder / file for file in sorted(sources) if file.endswith(".c")], target, FLAGS)
         return target.read_bytes()
 

@@ -44,6 +44,11 @@ class HostCompiler:
         return next((cls((path,)) for name in CANDIDATES if (path := shutil.which(name))), None)
 
     @property
+    def timeout(self) -> float:
+        """The longest time that it may take, in s."""
+        return TIMEOUT
+
+    @property
     def name(self) -> str:
         """Name for messages."""
         return Path(self.command[0]).name
@@ -57,7 +62,7 @@ class HostCompiler:
         command = [*self.command, *FLAGS, *flags, "-fPIC", "-shared", "-o", str(target), *map(str, sources), "-lm"]
         try:
             run = subprocess.run(
-                command, capture_output=True, text=True, errors="replace", timeout=TIMEOUT, check=False
+                command, capture_output=True, text=True, errors="replace", timeout=self.timeout, check=False
             )
         except (OSError, subprocess.TimeoutExpired) as error:
             raise CompilationError(f"{self.name} cannot be run: {error}") from None

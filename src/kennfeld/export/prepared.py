@@ -36,14 +36,30 @@ class ExportedSignal:
 
 
 @dataclass(frozen=True, eq=False)
+class PackedNumbers:
+    """Numbers in place of values: `(factor * number + shift) / divisor` is the value.
+
+    Attributes:
+        kind: their type in C, such as "uint8_t".
+        numbers: Float[shape].
+        scale: factor, shift and divisor.
+    """
+
+    kind: str
+    numbers: Float
+    scale: tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
 class ParameterValues:
-    """A parameter, or a free axis: its values in C order, Float[shape]."""
+    """A parameter, or a free axis: its values in C order, Float[shape]; and what is stored in their place, if any."""
 
     name: str
     member: str
     values: Float
     unit: str = ""
     remark: str = ""
+    stored: PackedNumbers | None = None
 
     @property
     def shape(self) -> tuple[int, ...]:

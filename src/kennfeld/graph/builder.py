@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any, Self
 
 from kennfeld.graph.dense_layer import DenseLayer, DenseOutput
@@ -109,6 +110,19 @@ class GraphBuilder:
         if (left := self._plain_condition(op, args)) is not None:
             return left
         return self._neutral(op, args) if op in _NEUTRAL else self.node(op, args)
+
+    @property
+    def resolution(self) -> float:
+        """Distance from 1 to the next number of the precision to which `call` rounds."""
+        return math.ulp(1.0)
+
+    def rounded(self, node: int) -> int:
+        """Return a node in the precision to which `call` rounds."""
+        return node
+
+    def in_double(self) -> AbstractContextManager[None]:
+        """Return a context in which `call` rounds to double precision only."""
+        return nullcontext()
 
     def _plain_condition(self, op: str, args: tuple[int, ...]) -> int | None:
         """Return the condition that a comparison with 0, or a constant in `and` or `or`, leaves as it is; or None."""

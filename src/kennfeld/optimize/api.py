@@ -117,7 +117,8 @@ def calibrate(
             by dataset and channel, as `Result.shifts` has them.
         rounding: "joint" rounds the fit to what a control unit stores, all values together; "nearest" each on its own.
         storage: the A2L file with the steps, offsets and limits of labels and breakpoints.
-        step: by parameter, the step of its storable values, in its unit; precedes the file.
+        step: by parameter, the step of its storable values, in its unit; precedes the file. By group axis, or axis of
+            a table such as `MapTorque.x`, the step of its breakpoints.
         max_shift: the largest distance of a rounded value from the fit, in steps.
         options: iterations, tolerance, continuation, starts, steps.
         progress: called after each accepted step; may raise `Stop`.

@@ -105,7 +105,7 @@ class Axes:
                 own = self._file.axes[name]
                 # built once, so that findings about it are not repeated by each table on it
                 self._groups[name] = (
-                    self._free_inherited(own, name)
+                    self._inherited(own, name)
                     if own.inherits
                     else self._axis(own, own.input, name, self._initial.get(name))
                 )
@@ -132,11 +132,12 @@ class Axes:
         """The numbers of the recordings that values are fitted to, Float[recordings]."""
         return recording_numbers(self._training)
 
-    def _free_inherited(self, entry: GroupAxisEntry, name: str) -> Axis | None:
-        """Return a group axis of the initial files with free breakpoints."""
+    def _inherited(self, entry: GroupAxisEntry, name: str) -> Axis | None:
+        """Return a group axis of the initial files, with free breakpoints if the entry says so."""
         if name not in self._initial:
             remedy = nearest(name, self._initial) or "Write breakpoints, or begin, end and count."
-            message = f"breakpoints are free, but the initial files have no group axis {name}"
+            what = "breakpoints are free" if entry.is_free else "the axis has no breakpoints"
+            message = f"{what}, but the initial files have no group axis {name}"
             self._findings.error(entry.location, message, remedy)
             return None
         return free_breakpoints(self._initial[name], entry, self._findings)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kennfeld.analysis.missing.proposal import TermProposal, TermProposals
-from kennfeld.analysis.missing.proposing import SearchScope, find_terms
+from kennfeld.analysis.missing.proposing import SearchScope, Watch, find_terms
 from kennfeld.analysis.missing.refit import Addition
 from kennfeld.analysis.missing.text_patch import difference, quoted_name, with_term
 from kennfeld.base.atomic_files import write_whole
@@ -38,22 +38,35 @@ UNDO = "proposals.json"
 _BOM = "\ufeff"
 
 
-def propose(project: "Project", scope: SearchScope, report: Callable[[str], None]) -> TermProposals:
+def propose(
+    project: "Project",
+    scope: SearchScope,
+    report: Callable[[str], None],
+    values: ParameterSet | None = None,
+    watch: Watch | None = None,
+) -> TermProposals:
     """Return the terms that the function of a project lacks, with the patches of its files.
+
+    Args:
+        project: the project.
+        scope: what takes part.
+        report: called with lines of text on the progress.
+        values: the calibration; by default that of the last run in the results folder.
+        watch: called with what is found so far, see `find_terms`.
 
     Raises:
         InputError: the project has errors.
     """
     scope.check()
     problem, remarks = _with_more_channels(project, scope.channels)
-    values = _calibrated(project, problem)
+    values = values or _calibrated(project, problem)
     if values is None:
         report("calibrating, as the results folder has no values of this function")
         remarks.append("Calibrated first, as the results folder has no values of this function.")
         result = run(problem, project.options)
         values = result.parameters
     started = replace(problem, parameters=values)
-    found = find_terms(started, scope, project.options, report)
+    found = find_terms(started, scope, project.options, report, watch)
     patched = tuple(replace(proposal, patch=_patch_text(project, problem, proposal)) for proposal in found.proposals)
     return replace(found, proposals=patched, remarks=(*remarks, *found.remarks))
 
@@ -80,7 +93,7 @@ def _with_more_channels(project: "Project", patterns: Sequence[str]) -> tuple[Pr
     """Return the problem with all channels that match, and what there is to say about them."""
     problem = project.problem()
     known = {name for data in problem.datasets for name in data}
-    offered = _channel_names(project)
+    offered = offered_channels(project)
     for pattern in patterns:
         if not any(fnmatchcase(name, pattern) for name in (*known, *offered, *problem.model.graph.inputs)):
             message = f"channels: the training data have no channel {pattern}. {nearest(pattern, offered)}"
@@ -97,17 +110,27 @@ def _with_more_channels(project: "Project", patterns: Sequence[str]) -> tuple[Pr
     return wider, []
 
 
-def _channel_names(project: "Project") -> list[str]:
-    """Return the names of all channels of the first file of each training dataset, and of calculated ones."""
+def offered_channels(project: "Project", read: Callable[[str], Sequence[str]] | None = None) -> list[str]:
+    """Return the names of all channels of the first file of each training dataset, and of calculated ones.
+
+    Args:
+        project: the project.
+        read: returns the channels of a file; by default `channels_of_file`.
+    """
     names: dict[str, None] = dict.fromkeys(project.file.calculated)
     for entry in project.file.datasets:
         files = [path for pattern in entry.files for path in find_recordings(project.file.folder, pattern)]
         if entry.use != "training" or not files:
             continue
         with suppress(InputError):
-            for table in describe(files[0]).tables:
-                names |= dict.fromkeys(channel.name for channel in table.channels if not _is_time(channel, table))
+            names |= dict.fromkeys((read or channels_of_file)(files[0]))
     return list(names)
+
+
+def channels_of_file(path: str) -> list[str]:
+    """Return the names of the channels of a recording that are not its time."""
+    tables = describe(path).tables
+    return [channel.name for table in tables for channel in table.channels if not _is_time(channel, table)]
 
 
 def _is_time(channel: ChannelDescription, table: TableDescription) -> bool:
@@ -121,41 +144,50 @@ class Patch:
     """The texts of the function and of the project file with a term.
 
     Attributes:
-        function: path of the formula text; None if the function is no formula text.
+        function: path of the formula text; None if the term cannot be written into it.
         function_text: with the term.
         project_text: with the section of the new parameter.
         parts: the changes as text.
+        reason: why the term cannot be written into the function, as a clause; "" if it can.
     """
 
     function: Path | None
     function_text: str
     project_text: str
     parts: str
+    reason: str = ""
 
 
-def patch(project: "Project", problem: Problem, proposal: TermProposal) -> Patch:
+def patch(
+    project: "Project", problem: Problem, proposal: TermProposal, texts: Mapping[str, str] | None = None
+) -> Patch:
     """Return the files of a project with a term.
 
     Args:
         project: the project.
         problem: its problem.
         proposal: the term.
+        texts: contents of the project file and of formula text that are not saved, by name; by default as on disk.
     """
-    addition, graph = proposal.addition, problem.model.graph
+    addition, graph, texts = proposal.addition, problem.model.graph, texts or {}
     assert addition is not None
-    document = ProjectDocument.read(project.path)
+    name, file = project.path.name, project.file.model.file
+    document = ProjectDocument(texts[name], project.path) if name in texts else ProjectDocument.read(project.path)
     before = document.text
     if addition.parameter is not None:
         document.set(("parameters", addition.parameter.name), _section(project, proposal))
-    toml = difference(before, document.text, project.path.name)
-    function = project.path.parent / project.file.model.file
+    toml = difference(before, document.text, name)
+    function = project.path.parent / file
+    as_text = f"{sentence(proposal)}\n{toml}".strip()
     if function.suffix.casefold() != ".kf":
-        return Patch(None, "", document.text, f"{_sentence(proposal)}\n{toml}".strip())
-    text = text_of(function)
+        return Patch(None, "", document.text, as_text, f"{file} is not formula text, into which terms are written")
+    text = texts[file].removeprefix(_BOM) if file in texts else text_of(function)
     changed = with_term(text, addition, graph.inputs, {*graph.names, *graph.inputs, *graph.parameters})
     if changed is None:
-        return Patch(None, "", document.text, f"{_sentence(proposal)}\n{toml}".strip())
-    parts = [difference(text, changed, project.file.model.file), toml]
+        node = addition.term.node
+        reason = f"{file} has no equation of its own for {node}, or others read its earlier values as well"
+        return Patch(None, "", document.text, as_text, reason)
+    parts = [difference(text, changed, file), toml]
     return Patch(function, changed, document.text, "\n".join(part for part in parts if part))
 
 
@@ -198,7 +230,7 @@ def _reference(project: "Project", addition: Addition) -> dict[str, Any]:
     return {"lock": [{"x": [number, number]}]} if addition.constraints else {}
 
 
-def _sentence(proposal: TermProposal) -> str:
+def sentence(proposal: TermProposal) -> str:
     """Return a term as a line of formula text, for functions that are not formula text."""
     addition = proposal.addition
     assert addition is not None
@@ -226,7 +258,7 @@ def apply(project: "Project", proposal: TermProposal) -> tuple[Path, ...]:
     """
     change = patch(project, project.problem(), proposal)
     if change.function is None:
-        raise _not_written(project, proposal)
+        raise _not_written(project, proposal, change.reason)
     texts = {change.function: change.function_text, project.path: change.project_text}
     # without the mark, as texts are read from files
     unsaved = {project.file.model.file: change.function_text, project.path.name: change.project_text.removeprefix(_BOM)}
@@ -250,15 +282,12 @@ def apply(project: "Project", proposal: TermProposal) -> tuple[Path, ...]:
     return tuple(texts)
 
 
-def _not_written(project: "Project", proposal: TermProposal) -> InputError:
+def _not_written(project: "Project", proposal: TermProposal, reason: str) -> InputError:
     """Return the error for a term that cannot be written, with the place where it is to be added."""
-    file, place = project.file.model.file, project.file.location("model", "file")
+    place = project.file.location("model", "file")
     node = f"node {proposal.term.node}" + (f" ({proposal.location})" if proposal.location else "")
-    if Path(file).suffix.casefold() == ".kf":
-        message = f"{file} does not define {node} by an equation of its own, or others read its earlier values as well"
-        return InputError.of(place, message, f"Add it by hand: {_sentence(proposal)}.")
-    message = f"{file} is not formula text, into which terms are written; nothing was changed"
-    return InputError.of(place, message, f"{proposal.change} where the function was made: {node}.")
+    remedy = f"{proposal.change} where the function was made: {node}."
+    return InputError.of(place, f"{reason}; nothing was changed", remedy)
 
 
 def _relative(project: "Project", path: Path) -> str:

@@ -197,7 +197,7 @@ class _TableBuilder:
         axes: list[Axis | None] = []
         for i, direction in enumerate(DIRECTIONS[:count]):
             if direction in entries and entries[direction].inherits:
-                axes.append(self._free_axis(direction, old[i] if i < len(old) else None))
+                axes.append(self._inherited_axis(direction, old[i] if i < len(old) else None))
             elif direction in entries:
                 coordinate = coordinates[i] if i < len(coordinates) else ""
                 axes.append(self.axes.build(entries[direction], coordinate, old[i] if i < len(old) else None))
@@ -218,12 +218,13 @@ class _TableBuilder:
         axis = None if entries else self.axes.recordings(self.entry)
         return None if axis is None else (axis,)
 
-    def _free_axis(self, direction: str, old: Axis | None) -> Axis | None:
-        """Return the axis of the initial file with free breakpoints."""
+    def _inherited_axis(self, direction: str, old: Axis | None) -> Axis | None:
+        """Return the axis of the initial file, with free breakpoints if the entry says so."""
         entry = self.entry.axes[direction]
         if old is None:
             remedy = "Write breakpoints; or begin, end and count; or count."
-            self._report(direction, "breakpoints are free, but no initial file has any", remedy)
+            what = "breakpoints are free" if entry.is_free else "the axis has no breakpoints"
+            self._report(direction, f"{what}, but no initial file has any", remedy)
             return None
         return free_breakpoints(old, entry, self.findings)
 

@@ -170,7 +170,7 @@ class ProblemBuilder:
         unknown = initial is None or (self.function is None and defines_values(file))
         tables = None if initial is None or unknown else build_tables(file, initial, axes, self.function, findings)
         criteria = build_criteria(file, self.function, self.loaded, findings)
-        self._check_group_axes()
+        self._check_group_axes(initial or ParameterSet())
         self._check_datasets()
         self._check_shifts()
         if tables is not None and self.function is not None:
@@ -393,11 +393,14 @@ class ProblemBuilder:
                 remedy = "Name the time channel `time`, or write settle = ... if these are steady-state points."
                 self.findings.error(self.loaded.locations[data.name], message, remedy)
 
-    def _check_group_axes(self) -> None:
+    def _check_group_axes(self, initial: ParameterSet) -> None:
         """Warn of group axes that no table names."""
         axes = [axis for entry in self.file.parameters.values() for axis in entry.axes.values()]
-        for name in self.file.axes:
-            if not any(axis.group == name for axis in axes):
+        own = {axis.name for axis in initial.axes}
+        for name, section in self.file.axes.items():
+            # a step alone applies to an axis of the initial files as it is
+            applies = name in own and section.inherits and not section.is_free
+            if not applies and not any(axis.group == name for axis in axes):
                 remedy = f"Write x = {{ axis = {toml_text(name)} }} under [parameters.NAME] of each table on it."
                 self.findings.warning(self.file.location("axes", name), "no table of this file uses the axis", remedy)
 

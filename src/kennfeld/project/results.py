@@ -18,6 +18,7 @@ from kennfeld.base.output_paths import below
 from kennfeld.calfiles import unwritable
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.calfiles.label_list import ENDING as LABEL_LIST
+from kennfeld.calfiles.label_list import VALUES as CHANGED_VALUES
 from kennfeld.calfiles.label_list import write_label_list
 from kennfeld.domain.free_axes import free_axes
 from kennfeld.domain.parameter_set import ParameterSet
@@ -169,12 +170,17 @@ def write(
         _write_trace(result.trace, scratch / "trace.csv")
         write_trust(result.trust, result.parameters, scratch / "trust.csv")
         if simulation is not None:
-            for ending in dict.fromkeys((".parquet", *project.further_results)):
-                remarks = () if ending == LABEL_LIST else _write_simulation(simulation, scratch / f"simulation{ending}")
+            others = [ending for ending in project.further_results if ending not in (LABEL_LIST, CHANGED_VALUES)]
+            for ending in dict.fromkeys((".parquet", *others)):
+                remarks = _write_simulation(simulation, scratch / f"simulation{ending}")
                 if findings is not None:
                     findings.add(*remarks)
         if LABEL_LIST in project.further_results:
             remarks = _write_changes(result, project.surrogates, scratch / CHANGES)
+            if findings is not None:
+                findings.add(*remarks)
+        if CHANGED_VALUES in project.further_results:
+            remarks = _write_changed_values(result, project, scratch)
             if findings is not None:
                 findings.add(*remarks)
         names = sorted(path.name for path in scratch.iterdir() if path.name != LOCK)
@@ -253,6 +259,26 @@ def _write_changes(result: "Result", surrogates: Collection[str], path: Path) ->
     text, findings = write_label_list(compare(before, after).labels, path.name)
     path.write_text(text, encoding="utf-8", newline="")
     return findings
+
+
+def _write_changed_values(result: "Result", project: ResultSource, folder: Path) -> Sequence[Finding]:
+    """Write `changed` in the formats of the project: the parameters that a calibration has changed, and no others.
+
+    Images, and formats whose files are copies of another one, always hold all values: these are left out.
+    """
+    from kennfeld.calfiles.comparison import changed
+
+    before, after = (parameters.without(project.surrogates) for parameters in (result.start, result.parameters))
+    values, findings = changed(after, before), Findings()
+    for ending in project.formats:
+        path = folder / f"{Path(CHANGES).stem}{ending}"
+        if ending in IMAGE_ENDINGS:
+            continue
+        try:
+            findings.add(*write_parameters(values.without(unwritable(values, ending)), path))
+        except InputError as error:
+            findings.remark(Location(path.name), f"is not written: {error.findings[0].message}")
+    return list(findings)
 
 
 def _write_simulation(simulation: Simulation, path: Path) -> Sequence[Finding]:

@@ -210,7 +210,8 @@ class CalibrationEntry:
     results: tuple[str, ...] = key(
         'further results: `"mf4"`, `"mat"` and `"csv"` write the [simulation for other '
         'tools](results.md#simulation-for-other-tools), and `"lab"` writes `changed.lab`, a list of the parameters '
-        "that have changed",
+        'that have changed. `"changed"` writes these with their values, and no others, in the formats of `output`: '
+        "`changed.dcm`",
         (),
         form=ResultsForm(),
     )

@@ -3,8 +3,10 @@
 from kennfeld.base.errors import Finding, Findings, InputError
 from kennfeld.base.formatting import count_more
 from kennfeld.calfiles.a2l.origin import FlashOrigin
+from kennfeld.domain.free_axes import AxisKey
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.problem.storage import Storage, rounding_of, with_rounding
+from kennfeld.project.axes import axis_location
 from kennfeld.project.schema import ProjectFile
 
 MAX_REMARKS = 5  # on labels that are not rounded and breakpoints that are
@@ -19,19 +21,19 @@ def add_rounding(file: ProjectFile, problem: Problem, origin: object, findings: 
         origin: the image that the initial values are from, if any.
         findings: collects what is wrong, and what is not rounded.
     """
-    method, steps = file.calibration.rounding, _steps(file)
+    method, steps, axes = file.calibration.rounding, _steps(file), _axis_steps(file)
     if method is None:
-        for name in steps:
-            location = file.location("parameters", name, "step")
+        places = [file.location("parameters", name, "step") for name in steps]
+        for location in (*places, *(axis_location(file, key) for key in axes)):
             findings.error(location, "step requires rounding", 'Write rounding = "joint" in [calibration].')
         return problem
     storage = _storage(file, origin)
-    if storage is None and not steps:
+    if storage is None and not (steps or axes):
         remedy = 'Write storage = "....a2l", or step = ... in the section of a parameter.'
         findings.error(file.location("calibration", "rounding"), "no step is known to round to", remedy)
         return problem
     try:
-        rounding = rounding_of(method, storage, steps, file.calibration.max_shift)
+        rounding = rounding_of(method, storage, steps, file.calibration.max_shift, axes)
     except InputError as error:
         findings.add(*error.findings)
         return problem
@@ -45,6 +47,16 @@ def add_rounding(file: ProjectFile, problem: Problem, origin: object, findings: 
 
 def _steps(file: ProjectFile) -> dict[str, float]:
     return {name: entry.step for name, entry in file.parameters.items() if entry.step is not None}
+
+
+def _axis_steps(file: ProjectFile) -> dict[AxisKey, float]:
+    own = {
+        AxisKey(name, direction): axis.step
+        for name, entry in file.parameters.items()
+        for direction, axis in entry.axes.items()
+    }
+    steps = {**own, **{AxisKey(name): axis.step for name, axis in file.axes.items()}}
+    return {key: step for key, step in steps.items() if step is not None}
 
 
 def _storage(file: ProjectFile, origin: object) -> Storage | None:

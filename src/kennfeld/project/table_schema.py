@@ -65,6 +65,13 @@ class GroupAxisEntry:
         True,
     )
     free: bool | None = key("`true`: the breakpoints are fitted", None, default_text="`false`")
+    step: float | None = key(
+        "the step of the breakpoints that a control unit can store, whose multiples [rounding](how-to/rounding.md) "
+        "takes; precedes `storage` of `[calibration]`. Alone, it leaves the breakpoints to the initial files",
+        None,
+        above=0,
+        default_text="by `storage`",
+    )
     min_distance: float | None = key(
         "the minimum distance between two free breakpoints, in the unit of the axis",
         None,
@@ -108,7 +115,9 @@ class GroupAxisEntry:
     @property
     def inherits(self) -> bool:
         """True if the breakpoints are those of the initial files."""
-        return self.is_free and not (self.group or self.points or self.quantiles)
+        # a step says how they are stored
+        changed = self.is_free or self.step is not None
+        return changed and not (self.group or self.points or self.quantiles)
 
     def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
         """Yield contradictions between the keys."""
@@ -119,7 +128,7 @@ class GroupAxisEntry:
                 if name in present:
                     yield name, "requires free breakpoints", "Write free = true, or remove it."
         uniform = [name for name in ("begin", "end") if name in present]
-        if any(getattr(self, name) is None for name in (*uniform, *({"free"} & set(present)))) or (
+        if any(getattr(self, name) is None for name in (*uniform, *({"free", "step"} & set(present)))) or (
             not self.count and "count" in present
         ):
             return  # invalid, and reported as such
@@ -131,7 +140,7 @@ class GroupAxisEntry:
                 yield "end", f"must be > begin = {self.begin:g}, got {self.end:g}", "Swap them."
             elif not math.isfinite(self.end - self.begin):
                 yield "end", f"is too far from begin = {self.begin:g}, got {self.end:g}", "Write physical values."
-        elif uniform or not (self.count or self.is_free):
+        elif uniform or not (self.count or self.is_free or self.step is not None):
             keys = f"only {', '.join(present)}" if present else "no breakpoints"
             yield "", f"the axis has {keys}", f"Write {self._forms}."
         if "round" in present and self.points:

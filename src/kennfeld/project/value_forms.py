@@ -11,6 +11,7 @@ from kennfeld.base.formatting import nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles import endings
 from kennfeld.calfiles.label_list import ENDING as LABEL_LIST
+from kennfeld.calfiles.label_list import VALUES as CHANGED_VALUES
 from kennfeld.domain.file_keys import KeyProblem, key
 from kennfeld.domain.table_parts import Range
 from kennfeld.project.forms import (
@@ -350,13 +351,13 @@ class OutputForm(FormatsForm):
 
 
 class ResultsForm(FormatsForm):
-    """Formats of further results: simulations, and the list of changed labels."""
+    """Formats of further results: simulations, and the changed labels, as a list or with their values."""
 
     kind = "result"
 
     def endings(self) -> Sequence[str]:
         """Return the extensions of further results."""
-        return (*SIMULATIONS, LABEL_LIST)
+        return (*SIMULATIONS, LABEL_LIST, CHANGED_VALUES)
 
 
 class StepCriteriaForm(Form):

@@ -1,4 +1,4 @@
-"""Report section of the rounding to what a control unit can store."""
+"""Report section "What is flashed": the rounding to what a control unit can store."""
 
 from kennfeld.base.markup import MISSING, Html, change, decimal, element, note, table
 from kennfeld.optimize.rounding.outcome import ERRORS, RoundingResult

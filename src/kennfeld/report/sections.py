@@ -33,7 +33,7 @@ def sections(report: ReportData, pictures: Pictures) -> Iterator[Section]:
     if (recordings := render_recordings(report)) is not None:
         yield "recordings", "Recordings", recordings, ()
     if report.result is not None and report.result.rounding is not None:
-        yield "rounding", "Rounding to storage", render_rounding(report.result.rounding), ()
+        yield "rounding", "What is flashed", render_rounding(report.result.rounding), ()
     if report.validation is not None:
         yield "validation", "Cross-validation", render_validation(report.validation), ()
     yield "fit", "Measured and calculated", render_fit(report, pictures), ()

@@ -46,6 +46,15 @@ if TYPE_CHECKING:
     default="end",
 )
 @option("--step", "Step of an FMU in s.", "S", "that of the function or its data", type=float)
+@option(
+    "--platform platforms",
+    "Machine for which an FMU has a library in addition to this one: x86_64-windows, x86_64-linux, aarch64-linux, "
+    "x86_64-darwin or aarch64-darwin. May be repeated; needs the extra platforms.",
+    "MACHINE",
+    multiple=True,
+    type=click.Choice(["x86_64-windows", "x86_64-linux", "aarch64-linux", "x86_64-darwin", "aarch64-darwin"]),
+)
+@option("--stored", "Write values in C as a control unit stores them, by [calibration] rounding.")
 @option("--no-check", "Do not compile the code and compare it with a simulation of the data.")
 @trusted
 @only_problems

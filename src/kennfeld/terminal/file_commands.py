@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from kennfeld.base.errors import InputError, Location
-from kennfeld.base.formatting import nearest
+from kennfeld.base.formatting import count_noun, nearest
 from kennfeld.base.garbage_collection import no_collection
 from kennfeld.terminal import command_line
 from kennfeld.terminal.command_line import DIFFERENT, DONE, PATH, argument, option, require_new
@@ -20,6 +20,8 @@ from kennfeld.terminal.model_selection import model_options
 from kennfeld.terminal.output import print_findings, print_lines
 
 if TYPE_CHECKING:
+    from kennfeld.domain.parameter_set import ParameterSet
+    from kennfeld.files.file_format import FileFormat
     from kennfeld.models.importer import ImportOptions
 
 
@@ -70,12 +72,19 @@ def _on_this_machine(address: str) -> Iterator[Path]:
 @click.command
 @argument("source", "IN", "Calibration file or model to read.")
 @argument("target", "OUT", "Output file. The extension selects the format.")
-@option("--image", "Image to write the values into.", "FILE", type=PATH)
+@option("--image", "Image or Simulink data dictionary to write the values into.", "FILE", type=PATH)
+@option("--changed-since since", "Calibration file: only labels that differ from it are written.", "FILE", type=PATH)
 @command_line.description_file
 @model_options
 @command_line.force
 def convert(
-    source: Path, target: Path, image: Path | None, a2l: Path | None, part: "ImportOptions", force: bool
+    source: Path,
+    target: Path,
+    image: Path | None,
+    since: Path | None,
+    a2l: Path | None,
+    part: "ImportOptions",
+    force: bool,
 ) -> int:
     """Convert a calibration file, a Simulink model or an ASCET class; write the start values of an FMU.
 
@@ -90,7 +99,8 @@ def convert(
     from kennfeld.models.importer_registry import importer_of_format
     from kennfeld.models.model_export import write_formula
 
-    _require_known_ending(target, [".kf"])
+    into = identify(str(image)).format if image is not None else None
+    _require_known_ending(target, [".kf", *(into.endings if into is not None and into.update else ())])
     file, choice = split_reference(str(source))
     known = identify(file).format
     importer, is_formula = importer_of_format(known), target.suffix.lower() == ".kf"
@@ -108,9 +118,33 @@ def convert(
     else:
         [parameters], remarks = calfiles.read_several([source], a2l)
         print_findings(*remarks)
-    print_findings(*calfiles.write(parameters, target, image, a2l), *calfiles.losses(parameters, target))
+    if since is not None:
+        [earlier], remarks = calfiles.read_several([since], a2l)
+        print_findings(*remarks)
+        everything, parameters = parameters, calfiles.changed(parameters, earlier)
+        count = count_noun(len(everything.parameters), "label")
+        if not (parameters.parameters or parameters.texts):
+            print_lines(f"None of {count} differs from {since}: nothing is written.")
+            return DONE
+        print_lines(f"{len(parameters.parameters)} of {count} differ from {since}")
+    if image is not None and into is not None and into.update:
+        _write_copy(into, parameters, image, target)
+    else:
+        print_findings(*calfiles.write(parameters, target, image, a2l), *calfiles.losses(parameters, target))
     print_lines(f"Written to {target}")
     return DONE
+
+
+def _write_copy(known: "FileFormat", parameters: "ParameterSet", source: Path, target: Path) -> None:
+    """Write a copy of a file with other values."""
+    from kennfeld.base.atomic_files import write_whole
+    from kennfeld.base.file_errors import convert_errors
+    from kennfeld.files.file_format import call
+
+    result = call(known.update, parameters, source)
+    with convert_errors(target, "cannot be written", "Name another file."):
+        write_whole(target, result.raw)
+    print_findings(*result.findings)
 
 
 def _require_known_ending(target: Path, others: Sequence[str] = ()) -> None:

@@ -64,6 +64,7 @@ def test_a_permuted_channel_is_not_proposed():
     assert not proposed(data).proposals
 
 
+@pytest.mark.slow
 def test_two_runs_give_the_same_text():
     data = bench("drag", samples=200)
     first, second = (json.dumps(proposed(data, kinds=["add"], nodes=["y"]).as_json()) for _ in range(2))
@@ -101,6 +102,7 @@ def test_too_few_samples_fail_with_a_sentence():
     assert proposals.message == "25 samples are too few for 15 values: no term can be judged."
 
 
+@pytest.mark.slow
 def test_a_calibration_that_has_not_ended_is_fitted_first():
     data = bench("drag", samples=300)
     proposals = kf.propose("y = k * n", data, {"k": 0.0}, "m", kinds=["add"])

@@ -11,10 +11,12 @@ from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.models.function_files import read_function_file
 from kennfeld.models.model_function import as_model
+from tests.draws import mostly_slow
 
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 pytest.importorskip("pycparser")
 
+LONG = {"break and return", "turns"}  # programs of which every pass of a loop has several ends
 PROGRAMS = {
     "break and return": """
         static const double X[5] = {-8, -1, 0.5, 2, 7}, Y[5] = {5, 4, -2, 8, 1};
@@ -228,6 +230,12 @@ PROGRAMS = {
                    + fdim(u, 1)
                    + tanh(u) + log2(1 + u * u) + isnan(u) + M_PI * 0;
         }""",
+    "whole": """
+        #include <math.h>
+        double step(double u, int n, double *y) {
+            *y = lround(u) / 2 + lrint(n / 2.0) * 100 + llround(-u) % 3;
+            return lroundf(u + 0.25f) + llrintf(n * 0.5f) / 2;
+        }""",
 }
 
 
@@ -245,7 +253,7 @@ def _reference(source, folder, u, n):
 
 
 @pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
-@pytest.mark.parametrize("program", PROGRAMS)
+@pytest.mark.parametrize("program", mostly_slow(PROGRAMS, PROGRAMS.keys() - LONG))
 def test_it_computes_what_the_compiler_makes_of_it(program, tmp_path):
     rng = np.random.default_rng(3)
     u, n = rng.normal(0.0, 5.0, 30), rng.integers(-2, 5 if program == "ends" else 6, 30).astype(float)

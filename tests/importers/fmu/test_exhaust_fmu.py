@@ -43,6 +43,7 @@ def formula_start(problem, settled, constant):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("directional", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_both_calibrate_to_the_same_parameters(problem, tmp_path, directional):
     own = problem.PROBLEMS["exhaust"]

@@ -30,6 +30,21 @@ def test_a_crash_is_a_message_that_names_the_function_and_the_session_goes_on(tm
     assert len(lines) == len(result.trace) > 1
 
 
+@pytest.mark.parametrize(
+    ("code", "message"),
+    [
+        # what the C library does when it finds a damaged heap
+        ("free((char *)m + 8)", r"crashed in fmi2Get.*aborted"),
+        pytest.param("exit(3)", "ended the program with exit status 3", marks=pytest.mark.slow),
+    ],
+)
+def test_a_damaged_heap_or_an_exit_of_an_fmu_is_a_message(code, message, tmp_path):
+    model = fmu(build(tmp_path, 2, f"-DIN_GET={code}"))
+    with pytest.raises(InputError, match=message):
+        kf.simulate(model, DATA, {"tau": 2.0})
+
+
+@pytest.mark.slow
 def test_a_crash_in_a_project_is_a_message_too(tmp_path):
     build(tmp_path, 2, "-DIN_GET=if (m->used_tau > 9.0) raise(SIGSEGV)")
     text = """[model]

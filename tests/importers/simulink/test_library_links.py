@@ -2,11 +2,13 @@ from dataclasses import replace
 
 import pytest
 
+from kennfeld.base.errors import InputError
 from kennfeld.importers.simulink.reader import library_links
 from kennfeld.importers.simulink.reader.document import read_document
 from kennfeld.importers.simulink.reader.library_links import LibraryResolver
 from tests.draws import mostly_slow
 from tests.importers.simulink.simulink_files import LAYOUTS, Mask, Model
+from tests.importers.simulink.simulink_runs import imported
 
 
 def library(name="mylib"):
@@ -129,6 +131,15 @@ def test_an_unknown_block_of_a_library_is_reported_with_the_nearest(tmp_path):
     assert [str(problem) for problem in result.problems] == [
         "model.slx A: links to mylib/Hallf, which mylib.slx does not contain. Did you mean Half?"
     ]
+
+
+def test_the_import_does_not_call_a_library_missing_that_lacks_a_block(tmp_path):
+    library().write(tmp_path)
+    model = Model(solver="FixedStepDiscrete")
+    model.link("A", "mylib/Hallf")
+    model.between(["u"], "A", ["y"])
+    with pytest.raises(InputError, match="A: its link to mylib/Hallf leads to no block of that library"):
+        imported(model, tmp_path)
 
 
 def test_a_loop_of_libraries_is_reported_with_its_chain(tmp_path):

@@ -100,3 +100,14 @@ def test_a_real_model_is_described(tmp_path):
     outline = summarize_model(DATA / "AbstractFuelControl_M1.slx")
     assert (outline.version, outline.solver.name) == ("R2017b", "ode15s")
     assert sum(outline.blocks.values()) == 301
+
+
+def test_a_link_to_a_library_that_is_not_at_hand_is_built_in_if_its_meaning_is_known(tmp_path):
+    drawn = Model()
+    drawn.link("A", "aerolibconvert2/Angle Conversion", "Angle Conversion", IU="deg", OU="rad")
+    drawn.link("M", "dspstat3/Mean", "Mean")
+    drawn.link("N", "own/Mean", "Mean")
+    outline = summarize_model(drawn.write(tmp_path, "slx parts"))
+    assert {link.source: link.found for link in outline.connections} == {
+        "aerolibconvert2/Angle Conversion": "built in", "dspstat3/Mean": "built in", "own/Mean": "not found",
+    }  # fmt: skip

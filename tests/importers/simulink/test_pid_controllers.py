@@ -121,6 +121,17 @@ def test_a_controller_is_reset_and_its_integral_limited(tmp_path):
     np.testing.assert_allclose(output, expected, rtol=1e-11, atol=1e-11)
 
 
+def test_a_reset_of_an_unfiltered_derivative_is_one_of_its_last_input(tmp_path):
+    drawn = drawn_as(2, Controller="PD", ExternalReset="rising", UseFilter="off", DifferentiatorICPrevScaledInput="0.4")
+    output = run(imported(drawn, tmp_path), {"u1": E, "u2": RESET})["y1"]
+    before = 0.4
+    for k, e in enumerate(E):
+        before = 0.4 if k > 0 and RESET[k - 1] <= 0 < RESET[k] else before
+        scaled = GAINS["D"] * e / T
+        assert output[k] == pytest.approx(GAINS["P"] * e + scaled - before, abs=1e-11), k
+        before = scaled
+
+
 @pytest.mark.parametrize("method", ["Backward Euler", "Trapezoidal"])
 def test_a_reset_of_a_controller_is_one_of_the_state_of_its_integral(method, tmp_path):
     drawn = drawn_as(2, Controller="PI", ExternalReset="rising", InitialConditionForIntegrator="0.5",

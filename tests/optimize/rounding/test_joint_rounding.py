@@ -18,7 +18,7 @@ def test_six_values_are_rounded_as_well_as_by_trying_all(seed):
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_six_rising_values_are_rounded_almost_as_well_as_by_trying_all_that_rise(seed):
+def test_six_rising_values_are_rounded_as_well_as_by_trying_all_that_rise(seed):
     rng = np.random.default_rng(seed)
     rises = np.diff(np.eye(6), axis=0)
     centre = np.cumsum(rng.exponential(0.6, size=6))
@@ -27,7 +27,7 @@ def test_six_rising_values_are_rounded_almost_as_well_as_by_trying_all_that_rise
     pulled = lattice.pulled(matrix)
     joint = round_values(lattice, matrix).joint[0]
     assert not violated_rows(lattice, joint).any()
-    assert cost_of(lattice, pulled, joint) <= 1.25 * least_cost(lattice, pulled)
+    assert cost_of(lattice, pulled, joint) == pytest.approx(least_cost(lattice, pulled), rel=1e-9)
 
 
 def test_a_large_table_loses_less_than_by_nearest_within_the_shift_and_always_the_same():

@@ -127,8 +127,30 @@ def test_fixed_breakpoints_are_rounded_before_the_fit(tmp_path):
     result = kf.calibrate("y = L(x)", {"x": x, "m": 2 * x}, {"L": curve}, "m", rounding="joint", storage=a2l)
     np.testing.assert_array_equal(result.parameters["L"].axes[0].breakpoints, [0.0, 3.0, 7.0, 10.0])
     close = kf.Curve("L", [0.0, 3.1, 3.12, 10.0], np.zeros(4))
-    with pytest.raises(kf.InputError, match=r"breakpoints 3.1 and 3.12 of L.x are stored as one: its step is 0.25"):
-        kf.calibrate("y = L(x)", {"x": x, "m": 2 * x}, {"L": close}, "m", rounding="joint", storage=a2l)
+    with pytest.warns(kf.InputWarning, match=r"3.1 and 3.12 of L.x would be stored as one .* moved to 3 and 3.25"):
+        result = kf.calibrate("y = L(x)", {"x": x, "m": 2 * x}, {"L": close}, "m", rounding="joint", storage=a2l)
+    np.testing.assert_array_equal(result.parameters["L"].axes[0].breakpoints, [0.0, 3.0, 3.25, 10.0])
+    crowd = kf.Curve("L", [3.01, 3.02, 3.03, 3.04, 3.05, 3.06, 3.07, 3.08], np.zeros(8))
+    with pytest.raises(kf.InputError, match=r"breakpoints 3.01 and 3.02 of L.x are stored as one: its step is 0.25"):
+        kf.calibrate("y = L(x)", {"x": x, "m": 2 * x}, {"L": crowd}, "m", rounding="joint", storage=a2l)
+
+
+def test_a_group_axis_under_another_name_is_rounded_as_the_axis_of_its_table(tmp_path):
+    a2l = tmp_path / "ecu.a2l"
+    a2l.write_bytes(curve_file())
+    x = np.linspace(0, 10, 50)
+    curve = kf.Curve("L", kf.Axis([0.0, 3.1, 7.1, 10.0], name="AxisOfMine"), np.zeros(4))
+    result = kf.calibrate("y = L(x)", {"x": x, "m": 2 * x}, {"L": curve}, "m", rounding="joint", storage=a2l)
+    np.testing.assert_array_equal(result.parameters["L"].axes[0].breakpoints, [0.0, 3.0, 7.0, 10.0])
+
+
+def test_breakpoints_are_rounded_to_a_step_of_their_own():
+    x = np.linspace(0, 10, 50)
+    data, curve = {"x": x, "m": 2 * x}, kf.Curve("L", [0.0, 3.1, 7.1, 10.0], np.zeros(4))
+    settings = {"rounding": "joint", "step": {"L.x": 0.5, "L": 0.25}}
+    result = kf.calibrate("y = L(x)", data, {"L": curve}, "m", **settings)
+    np.testing.assert_array_equal(result.parameters["L"].axes[0].breakpoints, [0.0, 3.0, 7.0, 10.0])
+    assert on_grid(result.parameters["L"].values, 0.25)
 
 
 @pytest.mark.parametrize(
@@ -136,7 +158,7 @@ def test_fixed_breakpoints_are_rounded_before_the_fit(tmp_path):
     [
         ({"rounding": None}, "step requires rounding"),
         ({"rounding": "up"}, 'rounding must be "joint" or "nearest", got \'up\''),
-        ({"step": {"N": 1.0}}, "step: unknown parameter N"),
+        ({"step": {"N": 1.0}}, "step: unknown parameter or axis N"),
         ({"step": {"M": 0.0}}, "step=0 of M must be a finite number > 0"),
         ({"max_shift": 0.5}, "max_shift=0.5 of the rounding"),
     ],

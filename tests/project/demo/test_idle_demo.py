@@ -10,9 +10,9 @@ from kennfeld.surrogate import read_surrogate
 ENGINE = idle.FILES["engine.toml"]
 SHORT = {  # recordings, the size of the engine model and its training
     "recording.csv": lambda: idle.recording("recording", 0.5, 1),
-    "other_recording.csv": lambda: idle.recording("other_recording", 0.25, 2, "test"),
+    "other_recording.csv": lambda: idle.recording("other_recording", 0.15, 2, "test"),
     "engine.toml": lambda: (
-        ENGINE().replace("centres = 150", "centres = 40").replace("iterations = 15", "iterations = 3")
+        ENGINE().replace("centres = 150", "centres = 40").replace("iterations = 15", "iterations = 2")
     ),
 }
 

@@ -1,7 +1,7 @@
 """The result of a search for missing terms."""
 
 from collections.abc import Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,8 @@ from kennfeld.base.arrays import Float
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.numeric import finite_or_none
 from kennfeld.domain.parameters import Parameter
+from kennfeld.optimize.fit.result import Result
+from kennfeld.optimize.problem.problem import Problem
 
 
 @dataclass(frozen=True)
@@ -21,6 +23,7 @@ class EqualPlace:
     node: str
     kind: Kind
     channel: str = ""
+    addition: Addition | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,21 @@ class RmseChange:
         return f"{self.before:.4g} -> {self.after:.4g}"
 
 
+@dataclass(frozen=True)
+class HeldOutErrors:
+    """The RMSE on a part of the data that was held out, of the function and of that with a term, fitted to the rest.
+
+    Attributes:
+        name: files of the part, or its number.
+        samples: in it.
+        rmse: without the term and with it.
+    """
+
+    name: str
+    samples: int
+    rmse: RmseChange
+
+
 @dataclass(frozen=True, kw_only=True)
 class TermProposal:
     """A term that a function lacks.
@@ -69,6 +87,8 @@ class TermProposal:
         patch: the change of the formula text and the project file, as text.
         addition: how it is added to the problem.
         offsets: of each recording by its name, for an offset.
+        held_out_parts: the errors on each held-out part.
+        fit: the fit with the term to all training data.
 
     >>> from kennfeld import Project
     >>> proposals = Project.read("kennfeld.toml").propose(kinds=["lag"])
@@ -92,6 +112,14 @@ class TermProposal:
     patch: str = ""
     addition: Addition | None = field(default=None, repr=False)
     offsets: dict[str, float] = field(default_factory=dict)
+    held_out_parts: tuple[HeldOutErrors, ...] = field(default=(), repr=False)
+    fit: Result | None = field(default=None, repr=False)
+
+    def at_place(self, number: int) -> "TermProposal":
+        """Return the proposal at one of the equal places, from 0, where it is not fitted; its errors are the same."""
+        addition = self.equal_places[number].addition
+        assert addition is not None
+        return replace(self, term=addition.term, addition=addition, parameter=addition.parameter, fit=None)
 
     @property
     def change(self) -> str:
@@ -190,6 +218,7 @@ class TermProposals:
         remarks: what else there is to know.
         seconds: time of the scores, and of the fits.
         unit: of the RMSE.
+        problem: the function as it is, at the end of its fit; None if it could not be judged.
 
     >>> from kennfeld import propose
     >>> x, z = np.tile([0.0, 1.0, 2.0, 3.0], 50), np.repeat(np.arange(10.0), 20)
@@ -211,6 +240,7 @@ class TermProposals:
     remarks: tuple[str, ...] = ()
     seconds: tuple[float, float] = (0.0, 0.0)
     unit: str = ""
+    problem: Problem | None = field(default=None, repr=False)
 
     def __len__(self) -> int:
         return len(self.proposals)

@@ -9,7 +9,14 @@ import numpy as np
 
 from kennfeld.analysis.missing.channels import Channels
 from kennfeld.analysis.missing.probes import Nodes
-from kennfeld.analysis.missing.proposal import EqualPlace, RmseChange, TermProposal, TermProposals, describe
+from kennfeld.analysis.missing.proposal import (
+    EqualPlace,
+    HeldOutErrors,
+    RmseChange,
+    TermProposal,
+    TermProposals,
+    describe,
+)
 from kennfeld.analysis.missing.recordings import numbered
 from kennfeld.analysis.missing.refit import (
     Addition,
@@ -43,6 +50,24 @@ MARGIN = 5e-3  # of the held-out RMSE, by which a term must lower it
 FEWEST = 20  # samples more than there are values
 
 Report = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class PartialSearch:
+    """A search that has not ended.
+
+    Attributes:
+        found: the proposals so far, which are not compared with each other yet.
+        fitted: candidates that were fitted.
+        to_fit: all that are.
+    """
+
+    found: TermProposals
+    fitted: int
+    to_fit: int
+
+
+Watch = Callable[[PartialSearch], None]
 
 
 @dataclass(frozen=True)
@@ -127,15 +152,20 @@ def propose(
 
 
 @isolated
-def find_terms(problem: Problem, scope: SearchScope, options: Options, report: Report) -> TermProposals:
-    """Return the terms that a problem lacks; see `propose`."""
+def find_terms(
+    problem: Problem, scope: SearchScope, options: Options, report: Report, watch: Watch | None = None
+) -> TermProposals:
+    """Return the terms that a problem lacks; see `propose`.
+
+    `watch` is called with what is known, after all candidates were scored and after each that was fitted.
+    """
     with ignore_floating_errors():
-        return _TermSearch(problem, scope, refit_options(options), report).proposals()
+        return _TermSearch(problem, scope, refit_options(options), report, watch or (lambda search: None)).proposals()
 
 
 class _TermSearch:
-    def __init__(self, problem: Problem, scope: SearchScope, options: Options, report: Report) -> None:
-        self._scope, self._options, self._report = scope, options, report
+    def __init__(self, problem: Problem, scope: SearchScope, options: Options, report: Report, watch: Watch) -> None:
+        self._scope, self._options, self._report, self._watch = scope, options, report, watch
         self._remarks: list[str] = []
         self._began = time.perf_counter()
         self._names: tuple[str, ...] = ()
@@ -179,26 +209,35 @@ class _TermSearch:
             self._remarks.append(f"{scored.own_share:.1%} of the cost is still to be had from the values themselves.")
         groups = shortlist(scored.scores)
         seconds = time.perf_counter() - self._began
-        kept, rejected = self._judged(groups, scored) if groups else ([], [])
-        # recordings that are held out whole are harder to meet than the parts of them that judge an offset
-        kept.sort(key=lambda proposal: (proposal.term.kind == "offset", float(f"{proposal.held_out.after:.6g}")))
-        kept = self._independent(kept, rejected, channels, nodes, len(scored.scores))
         smallest = float(np.sqrt(scored.smallest / scored.weights))
-        return TermProposals(
-            proposals=tuple(kept),
-            smallest_effect=smallest,
-            status="found" if kept else "none",
-            message=self._message(kept, smallest),
-            candidates=len(scored.scores),
-            share_left=scored.own_share,
-            share=scored.share,
-            best=describe(groups[0].best.term) if groups else "",
-            rejected=tuple(rejected),
-            excluded=channels.excluded,
-            remarks=tuple(self._remarks),
-            seconds=(seconds, time.perf_counter() - self._began - seconds),
-            unit=self._unit,
-        )
+
+        def known(kept: Sequence[TermProposal], rejected: Sequence[str], status: str, message: str) -> TermProposals:
+            return TermProposals(
+                proposals=tuple(kept),
+                smallest_effect=smallest,
+                status=status,
+                message=message,
+                candidates=len(scored.scores),
+                share_left=scored.own_share,
+                share=scored.share,
+                best=describe(groups[0].best.term) if groups else "",
+                rejected=tuple(rejected),
+                excluded=channels.excluded,
+                remarks=tuple(self._remarks),
+                seconds=(seconds, time.perf_counter() - self._began - seconds),
+                unit=self._unit,
+                problem=problem,
+            )
+
+        def tell(kept: list[TermProposal], rejected: list[str]) -> None:
+            partial = known(sorted(kept, key=_error), rejected, "unfinished", "")
+            self._watch(PartialSearch(partial, len(kept) + len(rejected), len(groups)))
+
+        tell([], [])
+        kept, rejected = self._judged(groups, scored, tell) if groups else ([], [])
+        kept.sort(key=_error)
+        kept = self._independent(kept, rejected, channels, nodes, len(scored.scores))
+        return known(kept, rejected, "found" if kept else "none", self._message(kept, smallest))
 
     def _message(self, kept: Sequence[TermProposal], smallest: float) -> str:
         unit = f" {self._unit}" if self._unit else ""
@@ -207,11 +246,17 @@ class _TermSearch:
             return f"Effects from {least:.3g}{unit} on would have been seen."
         return f"Nothing is missing that these channels explain; an effect of {least:.3g}{unit} would have been seen."
 
-    def _judged(self, groups: Sequence[CandidateGroup], scored: Scored) -> tuple[list[TermProposal], list[str]]:
+    def _judged(
+        self,
+        groups: Sequence[CandidateGroup],
+        scored: Scored,
+        tell: Callable[[list[TermProposal], list[str]], None],
+    ) -> tuple[list[TermProposal], list[str]]:
         """Return the proposals, and in words the candidates that are no better on data that their fit has not seen."""
         problem, _ = self._base
         self._report("fitting the function to parts of the data")
-        kept, rejected = [], []
+        kept: list[TermProposal] = []
+        rejected: list[str] = []
         held: dict[bool, tuple[str, list[HeldOut]]] = {}
         for number, group in enumerate(groups, 1):
             self._report(f"fitting candidate {number} of {len(groups)}: {describe(group.best.term)}")
@@ -225,6 +270,7 @@ class _TermSearch:
                 rejected.append(f"{describe(group.best.term)}: {reason}")
             else:
                 kept.append(self._proposal(group, scored, addition, change))
+            tell(kept, rejected)
         return kept, rejected
 
     def _independent(
@@ -273,11 +319,15 @@ class _TermSearch:
         squares = held_out_squares(parts, addition, self._options)
         before = pooled([part.squares for part in parts[: len(squares)]], parts)
         better = sum(after < part.squares for after, part in zip(squares, parts, strict=False))
-        return HeldOutChange(RmseChange(before, pooled(squares, parts)), name, better, len(parts), len(squares))
+        errors = tuple(
+            HeldOutErrors(part.name, part.samples, RmseChange(float(np.sqrt(part.squares)), float(np.sqrt(after))))
+            for part, after in zip(parts, squares, strict=False)
+        )
+        return HeldOutChange(RmseChange(before, pooled(squares, parts)), name, better, len(parts), errors)
 
     def _fault(self, held: "HeldOutChange") -> str:
         """Return why a candidate is not proposed, given its errors on all held-out parts; "" if it is."""
-        if held.tried < held.parts:
+        if len(held.errors) < held.parts:
             return f"no better on held-out {held.name} ({held.rmse})"
         # of most parts, not of one alone that is far off
         if not held.rmse.after < (1 - MARGIN) * held.rmse.before or 2 * held.better <= held.parts:
@@ -299,7 +349,9 @@ class _TermSearch:
         location = problem.model.locations.get(term.node)
         return TermProposal(
             term=term,
-            equal_places=tuple(EqualPlace(s.term.node, s.term.kind, s.term.channel) for s in group.equal),
+            equal_places=tuple(
+                EqualPlace(s.term.node, s.term.kind, s.term.channel, Addition.of(problem, s)) for s in group.equal
+            ),
             rmse=_change(result, refit, "training"),
             held_out=held.rmse,
             held_name=held.name,
@@ -313,6 +365,8 @@ class _TermSearch:
             location="" if location is None else str(location),
             addition=addition,
             offsets=self._offsets(parameter) if term.kind == "offset" else {},
+            held_out_parts=held.errors,
+            fit=refit,
         )
 
     def _offsets(self, parameter: Parameter | None) -> dict[str, float]:
@@ -327,7 +381,12 @@ class HeldOutChange(NamedTuple):
     name: str
     better: int
     parts: int
-    tried: int
+    errors: tuple[HeldOutErrors, ...]
+
+
+def _error(proposal: TermProposal) -> tuple[bool, float]:
+    """Return the order: recordings held out whole are harder to meet than the parts of them that judge an offset."""
+    return proposal.term.kind == "offset", float(f"{proposal.held_out.after:.6g}")
 
 
 def _change(before: Result, after: Result, use: Use) -> RmseChange:

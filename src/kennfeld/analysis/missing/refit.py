@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.analysis.cross_validation import Fold, Kind, PartitionFold, fold_problem, folds_of
+from kennfeld.analysis.cross_validation import Fold, Kind, PartitionFold, fold_problem, folds_of, name_partitions
 from kennfeld.analysis.missing.score import TermScore
 from kennfeld.analysis.missing.terms import MissingTerm, extended_model
 from kennfeld.base.errors import InputError, Location
@@ -101,12 +101,14 @@ class HeldOut:
         parameters: fitted to the rest.
         squares: mean squared error on the held-out samples.
         samples: their number.
+        name: the files, or which part it is.
     """
 
     problem: Problem
     parameters: ParameterSet
     squares: float
     samples: int
+    name: str = ""
 
 
 def hold_out(problem: Problem, options: Options, *, whole: bool = True) -> tuple[str, list[HeldOut]]:
@@ -131,7 +133,7 @@ def hold_out(problem: Problem, options: Options, *, whole: bool = True) -> tuple
     for fold in folds:
         part = fold_problem(problem, fold)
         result = run(part, options)
-        parts.append(HeldOut(part, result.parameters, *_held(result)))
+        parts.append(HeldOut(part, result.parameters, *_held(result), fold.name))
     return name, [part for part in parts if part.samples]
 
 
@@ -151,7 +153,8 @@ def _file_folds(partitions: Sequence[Partition]) -> list[PartitionFold]:
         fold = int(np.argmin(sizes))
         sizes[fold] += partitions[at].samples
         members[fold].append(at)
-    return [PartitionFold(str(n), tuple(partitions[at] for at in sorted(own))) for n, own in enumerate(members, 1)]
+    groups = [tuple(partitions[at] for at in sorted(own)) for own in members]
+    return [PartitionFold(name_partitions(group), group) for group in groups]
 
 
 def held_out_squares(parts: Sequence[HeldOut], addition: Addition, options: Options) -> list[float]:

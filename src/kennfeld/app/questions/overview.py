@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from kennfeld.app.questions.pictures import thumbnail
 from kennfeld.app.recent import project_id
 from kennfeld.app.session.live_model import LiveDataset
 from kennfeld.app.session.session import Session
+from kennfeld.app.session.side_work import SideWork
 from kennfeld.app.session.view import View
 from kennfeld.app.wire import ABSENT, Absent
 from kennfeld.base.errors import Finding, Location, Severity
@@ -23,7 +24,7 @@ from kennfeld.models.importer_registry import importer_of
 
 MAX_PIECES = 200  # of a dataset whose begins are drawn
 
-Screen = Literal["data", "function", "parameters", "optimization", "results"]
+Screen = Literal["data", "function", "parameters", "optimization", "results", "design"]
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,24 @@ class TrainingState:
     file: str
     seconds: float
     lines: Sequence[str]
+
+
+@dataclass(frozen=True)
+class SearchState:
+    """The running or last search beside the calibration: idle, running, ended, failed or stopped.
+
+    Attributes:
+        text: what it does; why it failed.
+        done: parts that are done, of `parts`; 0 if their number is not known.
+        detail: what it has found, in a few words.
+    """
+
+    state: str
+    text: str
+    done: int
+    parts: int
+    seconds: float
+    detail: str
 
 
 @dataclass(frozen=True)
@@ -194,6 +213,8 @@ class AppState:
     job: JobState
     waiting: Sequence[str]
     training: TrainingState
+    terms: SearchState
+    design: SearchState
     runs: Sequence[RunRow]
     seconds: float
     changed_on_disk: Sequence[str]
@@ -238,6 +259,8 @@ def overview(session: Session) -> AppState:
         JobState(job.state, job.message, round(job.seconds, 2), len(session.runs), len(job.trace), job.validates),
         [edit.title for edit in session.waiting],
         TrainingState(training.state, training.file, round(training.seconds, 1), training.lines[-12:]),
+        _search(session.term_search),
+        _search(session.design_work),
         [RunRow(run.number, run.result.status) for run in session.runs],
         session.seconds,
         list(map(str, session.disk_changes)),
@@ -250,6 +273,13 @@ def overview(session: Session) -> AppState:
         return state
     graph = session.function.graph
     return replace(state, nodes=_nodes(graph), inputs=graph.inputs)
+
+
+def _search(work: SideWork[Any]) -> SearchState:
+    step, detail = work.step, "" if work.outcome is None else work.outcome.detail
+    return SearchState(
+        work.state, step.text or work.reason, step.done, step.parts, round(work.seconds, 1), detail or "not asked yet"
+    )
 
 
 def _function(session: Session) -> ShownFunction:
@@ -325,7 +355,7 @@ SCREENS: Mapping[str, Screen] = {
     "optimizer": "optimization",
     "cluster": "optimization",
     "report": "results",
-    "design": "data",
+    "design": "design",
 }
 
 

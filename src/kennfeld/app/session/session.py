@@ -24,6 +24,7 @@ from kennfeld.app.session.run_checkpoints import RunCheckpoints
 from kennfeld.app.session.run_job import BestValues, Ended, RunJob, RunTask, Validation
 from kennfeld.app.session.runs import Job, Run, ValidationRun
 from kennfeld.app.session.saved_values import VALUES, KeyChange, naming_changes, values_saved_before
+from kennfeld.app.session.side_work import SideWork
 from kennfeld.app.session.state import (
     Command,
     History,
@@ -101,6 +102,9 @@ class Session:
         self.roundings: dict[tuple[str, str, str], tuple[int, SetRounding]] = {}
         self.job = Job()
         self.training = SurrogateTraining(changed)
+        # their outcomes are those of `term_search` and `design_work`, which know this module
+        self.term_search: SideWork[Any] = SideWork(changed)
+        self.design_work: SideWork[Any] = SideWork(changed)
         self._running: RunJob | None = None
         self.waiting: list[ValueEdit] = []  # edits that were made during the running calibration
         self._inbox: queue.SimpleQueue[TraceLine | BestValues | Ended] = queue.SimpleQueue()
@@ -212,15 +216,7 @@ class Session:
         """
         if self._running is not None:
             raise ArgumentError("a run is in progress; stop it first")
-        if changes := self._data_changes():
-            # what a run is based on is not exchanged without a word
-            remedy = "Read the files again first."
-            raise InputError(
-                Finding(Location(each.file), f"{each.change} since it was read", remedy) for each in changes
-            )
-        if self.stale:
-            raise InputError(self.findings)
-        view = self.require_view()
+        view = self.require_evaluable()
         assert self.project is not None
         problem = replace(view.model.problem, parameters=view.now.parameters)
         options = replace(self.project.options, workers=workers)
@@ -231,6 +227,29 @@ class Session:
         task = RunTask(problem, options, None if validation else self.checkpoints, points, validation, cluster)
         self.job = Job("running", "compiling", time.monotonic(), problem=problem, validates=validation is not None)
         self._running = RunJob(task, self._put)
+
+    def require_evaluable(self) -> View:
+        """Return the view of the project as it is on disk and edited.
+
+        Raises:
+            InputError: the project has errors, or files have changed since they were read.
+        """
+        if changes := self._data_changes():
+            # what a run is based on is not exchanged without a word
+            remedy = "Read the files again first."
+            raise InputError(
+                Finding(Location(each.file), f"{each.change} since it was read", remedy) for each in changes
+            )
+        if self.stale:
+            raise InputError(self.findings)
+        return self.require_view()
+
+    @property
+    def subject(self) -> tuple[object, ...]:
+        """The values, texts and files that an outcome is about; equal to that of a state to which an undo leads."""
+        own = {self.path.parent / name for name in self.state.texts}
+        files = sorted((str(file.path), file.times) for file in self._opened if file.path not in own)
+        return self.state, tuple(files)
 
     @property
     def checkpoints(self) -> RunCheckpoints:
@@ -250,8 +269,9 @@ class Session:
             self._running.stop()
 
     def close(self) -> None:
-        """End a running calibration or training."""
-        self.training.stop()
+        """End a running calibration, training or search."""
+        for work in (self.training, self.term_search, self.design_work):
+            work.stop()
         if self._running is not None:
             self._running.kill()
 
@@ -261,7 +281,9 @@ class Session:
         self._changed()
 
     def pump(self) -> None:
-        """Handle the reports of the running job and training."""
+        """Handle the reports of the running job, training and searches."""
+        self.term_search.pump()
+        self.design_work.pump()
         if self.training.pump():
             self.refresh()
         while not self._inbox.empty():
@@ -326,7 +348,8 @@ class Session:
         earlier = dict.fromkeys(name for name in self.state.values if name.startswith(AXIS_LABEL))
         return {**earlier, **values, **moved_breakpoints(parameters)}
 
-    def _unsaved(self) -> dict[str, str]:
+    @property
+    def unsaved_texts(self) -> dict[str, str]:
         """Return the texts that differ from the saved ones, as they are read from files: without mark and with LF."""
         edited = self._edited_texts()
         return {name: text.removeprefix("\ufeff").replace("\r\n", "\n") for name, text in edited.items()}
@@ -359,8 +382,9 @@ class Session:
 
     @property
     def is_busy(self) -> bool:
-        """True while a calibration or a training runs."""
-        return self._running is not None or self.training.state == "running"
+        """True while a calibration, a training or a search runs."""
+        works = (self.training, self.term_search, self.design_work)
+        return self._running is not None or any(work.state == "running" for work in works)
 
     @property
     def has_edits(self) -> bool:
@@ -575,7 +599,7 @@ class Session:
         self.revision = self.text_revision = next(_REVISIONS)
         self.undecided, self._matching = (), None
         try:
-            project = Project.read(self.path, self._unsaved())
+            project = Project.read(self.path, self.unsaved_texts)
             self._matching = project.file, matching_files(project.file)
             self._require_consent(project)
             project = self._with_data(project)

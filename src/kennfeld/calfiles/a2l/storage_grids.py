@@ -13,8 +13,9 @@ from kennfeld.calfiles.a2l.storage import NUMBERS, SIZES, StorageFormat
 from kennfeld.calfiles.a2l.syntax import A2lError
 from kennfeld.domain.free_axes import AxisKey
 from kennfeld.domain.parameters import AXIS_LETTERS
-from kennfeld.domain.storage import StorageGrid
+from kennfeld.domain.storage import FloatStorage, StorageGrid
 
+FLOATS = ("FLOAT32_IEEE", "FLOAT64_IEEE")
 Numbers = Characteristic | AxisPts | AxisDescr
 
 
@@ -25,11 +26,13 @@ class StorageGrids:
     Attributes:
         labels: by the name of the characteristic.
         axes: by the group axis, or the characteristic and the direction.
+        floats: by the name of the characteristic, those with a linear conversion of numbers in floating point.
         unrounded: a clause for each other label or axis, by its name.
     """
 
     labels: dict[str, StorageGrid] = field(default_factory=dict)
     axes: dict[AxisKey, StorageGrid] = field(default_factory=dict)
+    floats: dict[str, FloatStorage] = field(default_factory=dict)
     unrounded: dict[str, str] = field(default_factory=dict)
 
 
@@ -39,7 +42,10 @@ def storage_grids(a2l: A2l) -> StorageGrids:
     for name, source in a2l.characteristics.items():
         try:
             bit_mask = source.bit_mask or None
-            grids.labels[name] = _grid(a2l, source, _data_type(a2l, source, "FNC_VALUES"), bit_mask)
+            data_type = _data_type(a2l, source, "FNC_VALUES")
+            if data_type in FLOATS:
+                grids.floats[name] = FloatStorage(*_coefficients(a2l, source), single=data_type == "FLOAT32_IEEE")
+            grids.labels[name] = _grid(a2l, source, data_type, bit_mask)
         except A2lError as error:
             grids.unrounded[name] = str(error)
     for key, owner, axis in _axes(a2l):
@@ -59,6 +65,9 @@ def _axes(a2l: A2l) -> Iterator[tuple[AxisKey, AxisPts | Characteristic, AxisPts
         for letter, axis in zip(AXIS_LETTERS, label.axes, strict=False):
             if axis.attribute == "STD_AXIS":
                 yield AxisKey(name, letter), label, axis
+            elif axis.attribute == "COM_AXIS" and (shared := a2l.axis_pts.get(axis.axis_pts_ref)) is not None:
+                # for tables whose axis has another name, or none, in the project
+                yield AxisKey(name, letter), shared, shared
 
 
 def _data_type(a2l: A2l, source: AxisPts | Characteristic, key: str) -> str:

@@ -15,13 +15,14 @@ from kennfeld.importers.c.expression_translation import (
     rounded,
 )
 from kennfeld.importers.c.functions import MATHEMATICS, TESTS
-from kennfeld.importers.c.number_types import DOUBLE, INT, LONG, CType, UnsupportedCError
+from kennfeld.importers.c.number_types import DOUBLE, INT, LONG, LONG_LONG, CType, UnsupportedCError
 from kennfeld.importers.c.places import CPlace, single_numbers
 from kennfeld.importers.c.struct_types import CStructType
 from kennfeld.program import tree as m
 
 # functions that Simulink writes to a file of its own
 _ALIASES: Final = {"rtIsNaN": "isnan", "rtIsNaNF": "isnan", "rtIsInf": "isinf", "rtIsInfF": "isinf"}
+_TO_INTEGER: Final = ("lround", "lrint", "llround", "llrint")
 
 
 class _PassedArguments(NamedTuple):
@@ -49,6 +50,8 @@ class CCallTranslation(CExpressionTranslation):
             function = self.file.functions[name]
             return self._called_number(function, trees, line_of(tree), wants_result=wants_result)
         name = _ALIASES.get(name, name)
+        if name.removesuffix("f") in _TO_INTEGER and len(trees) == 1:
+            return self._rounded_integer(name.removesuffix("f"), trees[0])
         # sinf is sin, computed in double precision
         plain = name if name in MATHEMATICS or name in TESTS else name.removesuffix("f")
         known = {**MATHEMATICS, **TESTS}
@@ -67,6 +70,12 @@ class CCallTranslation(CExpressionTranslation):
         kind = self.file.types.number("float") if plain != name else DOUBLE
         result = call_of(plain, *(converted(operand, kind) for operand in operands))
         return COperand(rounded(result), kind) if kind.single else COperand(result, DOUBLE)
+
+    def _rounded_integer(self, name: str, tree: c_ast.Node) -> COperand:
+        """Translate lround and the like: the number rounded, as an integer."""
+        kind = LONG_LONG if name.startswith("ll") else self.file.types.number("long")
+        rule = "round" if name.endswith("round") else "rint"
+        return COperand(converted(COperand(call_of(rule, self.operand(tree).tree), DOUBLE), kind), kind)
 
     def returned_address(self, tree: c_ast.FuncCall) -> CPlace:
         if not self.passes_back(tree):

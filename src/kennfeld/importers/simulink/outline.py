@@ -8,10 +8,14 @@ from typing import Any
 
 from kennfeld.base.errors import Finding, InputError
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.importers.simulink import blocks  # noqa: F401  # registers the types that links may have
+from kennfeld.importers.simulink.flattening.flatten import linked_type
+from kennfeld.importers.simulink.lowering import BLOCK_TYPES
+from kennfeld.importers.simulink.lowering.registry import maskable_types
 from kennfeld.importers.simulink.reader.block_ports import port_number
 from kennfeld.importers.simulink.reader.document import read_document
 from kennfeld.importers.simulink.reader.library_links import LibraryResolver, ResolvedModel, is_of_simulink
-from kennfeld.importers.simulink.reader.model_tree import ModelBlock, ModelDocument, StoredSolver, System
+from kennfeld.importers.simulink.reader.model_tree import LibraryLink, ModelBlock, ModelDocument, StoredSolver, System
 from kennfeld.importers.simulink.variables.data_dictionary import read_dictionary
 from kennfeld.importers.simulink.variables.stored_variables import workspace_variables
 
@@ -24,7 +28,7 @@ _CONTROLS = {
     "ForEach": "for each",
     "WhileIterator": "while",
 }
-_OF_SIMULINK, _MISSING = "Simulink", "not found"
+_OF_SIMULINK, _BUILT_IN, _MISSING = "Simulink", "built in", "not found"
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,7 @@ class Subsystem:
 
 @dataclass(frozen=True)
 class ExternalReference:
-    """A referenced library block or model: number of uses, and the file it comes from."""
+    """A referenced library block or model: number of uses, and the file it comes from; none if it is built in."""
 
     source: str
     type: str
@@ -171,7 +175,10 @@ def _file_of(source: str, kind: str, resolved: ResolvedModel) -> str:
     if not alone and is_of_simulink(source):
         return _OF_SIMULINK
     name = source if alone else source.partition("/")[0]
-    return resolved.files[name].name if name in resolved.files and source not in resolved.missing else _MISSING
+    if name in resolved.files and source not in resolved.missing:
+        return resolved.files[name].name
+    known = None if alone else BLOCK_TYPES.get(linked_type(LibraryLink(source, kind, {}), maskable_types()))
+    return _BUILT_IN if known is not None and not known.refused else _MISSING
 
 
 def _sources(document: ModelDocument, dictionaries: Iterable[DataSource]) -> Iterator[DataSource]:

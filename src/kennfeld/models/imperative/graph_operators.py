@@ -14,7 +14,7 @@ from kennfeld.models.imperative.exact_arithmetic import (
     with_infinite,
     within_infinity,
 )
-from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, truncate
+from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, rounded, truncate
 
 Rule: TypeAlias = Callable[..., Nodes]  # of the builder and the arguments
 
@@ -35,23 +35,26 @@ def without_rest(builder: GraphBuilder, rest: Nodes, a: Nodes, b: Nodes) -> Node
     """
     values = [builder.value(int(node)) for node in b.ravel()]
     if all(value is not None and (not math.isfinite(value) or value == math.floor(value)) for value in values):
-        return rest
+        return rounded(builder, rest)
     apply = Elementwise(builder)
+    rest = rounded(builder, rest)
     ratio = apply("abs", apply("div", a, b))
     distance = apply("abs", apply("sub", ratio, apply("floor", apply("add", ratio, 0.5))))
-    is_near = apply("le", distance, apply("mul", math.ulp(1.0), ratio))
+    is_near = apply("le", distance, apply("mul", builder.resolution, ratio))
     is_broken = apply("ne", b, apply("floor", b))
     return apply("select", apply("and", is_near, is_broken), 0.0, rest)
 
 
 def _remainder(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
     """Compute a - b trunc(a / b); NaN if b is 0."""
-    return with_infinite(builder, without_rest(builder, _plain_remainder(builder, a, b), a, b), a, b)
+    return with_infinite(builder, without_rest(builder, plain_remainder(builder, a, b), a, b), a, b)
 
 
-def _plain_remainder(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
+def plain_remainder(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
+    """Compute a - b trunc(a / b) in double precision, in which that of numbers of single precision is exact."""
     apply = Elementwise(builder)
-    return apply("sub", a, apply("mul", truncate(builder, apply("div", a, b)), b))
+    with builder.in_double():
+        return apply("sub", a, apply("mul", truncate(builder, apply("div", a, b)), b))
 
 
 def _modulus(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:

@@ -45,7 +45,10 @@ def elementwise(builder: GraphBuilder, op: str, *args: Nodes | float) -> Nodes:
     """Apply an operation element by element, with broadcasting; numbers are constants."""
     arrays = [np.asarray(builder.const(arg) if isinstance(arg, float | int) else arg, dtype=np.int64) for arg in args]
     # most arrays of a block diagram are scalars: broadcasting would take most of the time
-    is_even = all(array.shape == arrays[0].shape for array in arrays)
+    shape = arrays[0].shape
+    is_even = all(array.shape == shape for array in arrays)
+    if is_even and arrays[0].size == 1:
+        return np.array([builder.call(op, *(array.item() for array in arrays))], dtype=np.int64).reshape(shape)
     spread = arrays if is_even else np.broadcast_arrays(*align_dimensions(*arrays))
     check_size(spread[0].size)
     result = [builder.call(op, *(int(a) for a in parts)) for parts in zip(*(a.ravel() for a in spread), strict=True)]
@@ -60,6 +63,11 @@ class Elementwise:
 
     def __call__(self, op: str, *args: Nodes | float) -> Nodes:
         return elementwise(self.builder, op, *args)
+
+
+def rounded(builder: GraphBuilder, x: Nodes) -> Nodes:
+    """Return nodes in the precision of the builder."""
+    return np.array([builder.rounded(int(node)) for node in x.ravel()], dtype=np.int64).reshape(x.shape)
 
 
 def reduce_nodes(builder: GraphBuilder, op: str, nodes: Iterable[int]) -> int:

@@ -13,7 +13,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.constraints import Equality, Limit, Pin, Shape
 from kennfeld.domain.criteria import Criterion
 from kennfeld.domain.dataset import Dataset, Use
-from kennfeld.domain.free_axes import with_free_axes
+from kennfeld.domain.free_axes import axis_keys, with_free_axes
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.storage import MAX_SHIFT, RoundingMethod
 from kennfeld.graph import Graph
@@ -109,10 +109,14 @@ class ProblemSetup:
                 name = "step" if self.storage is None else "storage"
                 raise ArgumentError(f'{name} requires rounding: add rounding="joint"')
             return problem
-        for name in self.step or ():
-            if name not in problem.parameters:
-                raise ArgumentError(f"step: unknown parameter {name}. {nearest(name, problem.parameters)}".strip())
-        rounding = rounding_of(self.rounding, self.storage, self.step or {}, self.max_shift)
+        axes = {str(key): key for key in axis_keys(problem.parameters) if str(key) not in problem.parameters}
+        steps = dict(self.step or {})
+        for name in steps:
+            if name not in problem.parameters and name not in axes:
+                remedy = nearest(name, [*problem.parameters, *axes])
+                raise ArgumentError(f"step: unknown parameter or axis {name}. {remedy}".strip())
+        of_axes = {axes[name]: steps.pop(name) for name in [*steps] if name in axes}
+        rounding = rounding_of(self.rounding, self.storage, steps, self.max_shift, of_axes)
         rounded, findings = with_rounding(problem, rounding, Location)
         warn(finding for finding in Findings(findings).finish() if finding.severity == "warning")
         return rounded

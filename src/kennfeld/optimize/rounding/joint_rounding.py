@@ -1,8 +1,12 @@
-"""Rounding of all values together: nearest planes, repaired where limits require it, and improved by exchange."""
+"""Rounding of all values together: nearest planes, repaired where limits require it, and improved by exchange.
+
+Of few values, the best of all is found.
+"""
 
 from kennfeld.base.arrays import Bool, Float, Sparse
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.native.lattice_exchange import LatticeExchange
+from kennfeld.optimize.rounding.exact_search import MOST_VALUES, improve_small
 from kennfeld.optimize.rounding.lattice import Lattice, matrix_of
 from kennfeld.optimize.rounding.nearest_plane import nearest_planes
 from kennfeld.optimize.rounding.repair import repair
@@ -50,4 +54,6 @@ def round_values(lattice: Lattice, matrix: Sparse) -> RoundedNumbers:
     exchange = LatticeExchange(pulled, lattice.lower, lattice.upper, rows, lattice.rows.lower, lattice.rows.upper)
     ends = [exchange.improve(start, lattice.centre, SWEEPS) for start in starts]
     ends.sort(key=lambda end: exchange.cost(end - lattice.centre))
+    if 0 < lattice.size <= MOST_VALUES:
+        ends.insert(0, improve_small(lattice, pulled.toarray(), ends[0]))
     return RoundedNumbers(lattice, nearest, tuple(ends), nearest != lattice.nearest, impossible)

@@ -17,6 +17,7 @@ from kennfeld.optimize.limits.projection import FEASIBLE
 from kennfeld.optimize.rounding.joint_rounding import round_values
 from kennfeld.optimize.rounding.lattice import SLACK, GridBlock, Lattice, grid_blocks
 from kennfeld.optimize.rounding.outcome import LabelRounding
+from kennfeld.optimize.rounding.refit import FloatRefit
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.sums.compiled import CompiledProblem
 from kennfeld.optimize.sums.objective import LeastSquaresObjective
@@ -73,16 +74,19 @@ def round_fit(
     """
     blocks = grid_blocks(compiled.problem, compiled.values, rounding)
     objective = LeastSquaresObjective(compiled, by_rows=False)
-    matrix = _curvature(compiled, objective, fit)
+    curvature = _curvature(compiled, objective, fit)
+    refit = FloatRefit(compiled.problem, compiled.values, rounding, limits, fit, curvature)
+    matrix = refit.reduced()
     lattice = Lattice.of(fit, blocks, limits, rounding.max_shift)
     rounded = round_values(lattice, matrix)
     lattice = rounded.lattice
 
-    def candidate(numbers: Float) -> _Candidate:
+    def candidate(numbers: Float, follow: bool = True) -> _Candidate:
         values = lattice.values(numbers)
+        values = refit.following(values) if follow else refit.stored(values)
         return _Candidate(not keeps_outputs(values), objective.data_cost(values), values, numbers)
 
-    nearest = candidate(rounded.nearest)
+    nearest = candidate(rounded.nearest, follow=False)
     joint = nearest
     # the quadratic model has ordered them; mostly the first one is better than the nearest, and no other is tried
     for numbers in rounded.joint:

@@ -4,6 +4,7 @@ import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { type Area, area, canvasIn, line, type Pen } from "../../drawing/canvas";
 import { token } from "../../drawing/colours";
 import { drawRectangle, rangeOf } from "../../instruments/scatter";
+import { WhatIsMissing } from "../../instruments/what-is-missing";
 import { both, scatter } from "../../plot-data";
 import { brush, criterion, criterionNumber, part } from "../../plots";
 import type { ScatterArrays, SignalName } from "../../replies";
@@ -15,6 +16,7 @@ export function HistogramPane() {
       <div class="head">
         <h2>Errors</h2>
         <span class="right">
+          <WhatIsMissing />
           <span class="seg tight" role="group" aria-label="Histograms">
             <button
               aria-pressed={!both.value}

@@ -2,6 +2,7 @@
 
 import { computed, effect } from "@preact/signals";
 import { newest } from "../../connection";
+import { WhatIsMissing } from "../../instruments/what-is-missing";
 import type { ErrorsByFile } from "../../replies";
 import { scoped } from "../../scope";
 import { request, screen, settled } from "../../store";
@@ -30,6 +31,7 @@ export function ByFilePane() {
         <h2>By file</h2>
         <span class="sub">run {run}, worst first</span>
         <span class="right">
+          <WhatIsMissing />
           <button
             class="btn small"
             aria-expanded={unfolded.value}

@@ -1,6 +1,7 @@
 // What the data of the last run cannot determine: each row with its remedies, which change the project file.
 
 import { tried, trust } from "../../comparison";
+import { settle } from "../../design";
 import { significant } from "../../drawing/numbers";
 import { Icon } from "../../icons";
 import type { RemedyRow, UndeterminedDirection } from "../../replies";
@@ -42,18 +43,21 @@ export function TrustPane() {
           <div class="grow">
             <p>{sentence}</p>
             <p class="q">{advice}</p>
-            <Remedies own={remedies} first />
+            <Remedies own={remedies} first number={0} />
           </div>
         </div>
       )}
-      {directions.map((each) => (
-        <Row own={each} />
+      {directions.map((each, k) => (
+        <Row own={each} number={k + 1} />
       ))}
-      {coupled.map((text) => (
+      {coupled.map((text, k) => (
         <div class="di">
           <b class="good">coupled</b>
           <div class="grow">
             <p>{text}</p>
+            <p class="remedies">
+              <MeasureNext number={directions.length + k + 1} />
+            </p>
           </div>
         </div>
       ))}
@@ -77,7 +81,24 @@ export function TrustPane() {
   );
 }
 
-function Row({ own }: { own: UndeterminedDirection }) {
+/** The way to the points or minutes that would settle a direction; 0 for what nothing determines. */
+function MeasureNext({ number }: { number: number }) {
+  return (
+    <button
+      class="btn small"
+      data-settle={number}
+      title="What to measure next, so that the data determine this"
+      onClick={(event) => {
+        event.stopPropagation();
+        settle(number);
+      }}
+    >
+      Measure next
+    </button>
+  );
+}
+
+function Row({ own, number }: { own: UndeterminedDirection; number: number }) {
   const size = own.deviation;
   return (
     <div
@@ -95,15 +116,14 @@ function Row({ own }: { own: UndeterminedDirection }) {
       <div class="grow">
         <p>{own.sentence}</p>
         <p class="q">{own.remedy}</p>
-        <Remedies own={own.remedies} />
+        <Remedies own={own.remedies} number={number} />
       </div>
     </div>
   );
 }
 
 /** A button for each remedy; one that the project file has already says so. */
-function Remedies({ own, first = false }: { own: RemedyRow[]; first?: boolean }) {
-  if (own.length === 0) return null;
+function Remedies({ own, first = false, number }: { own: RemedyRow[]; first?: boolean; number: number }) {
   return (
     <p class="remedies">
       {own.map((each, k) =>
@@ -129,6 +149,7 @@ function Remedies({ own, first = false }: { own: RemedyRow[]; first?: boolean })
           </button>
         ),
       )}
+      <MeasureNext number={number} />
     </p>
   );
 }

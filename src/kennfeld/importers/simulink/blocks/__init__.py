@@ -17,5 +17,6 @@ from kennfeld.importers.simulink.blocks import (  # noqa: F401
     signal_attributes,
     signal_routing,
     sources,
+    toolbox_blocks,
     user_defined_functions,
 )

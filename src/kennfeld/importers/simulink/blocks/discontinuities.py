@@ -68,8 +68,11 @@ def backlash(block: BlockContext) -> SignalOrBus:
     u = block.hold_in_minor_steps(block.input())
     half = 0.5 * block.parameter("BacklashWidth")
     init = block.parameter("InitialOutput")
-    # y = min(max(y', u - w / 2), u + w / 2)
-    return block.feedback(init, lambda before: apply("min", apply("max", before, u - half), u + half))
+
+    def moved(before: Signal) -> Signal:
+        return select(u < before - half, u + half, select(u <= before + half, before, u - half))
+
+    return block.feedback(init, moved)
 
 
 def _sample_of_limiter(block: ModelBlock) -> str:
@@ -97,8 +100,14 @@ def rate_limiter_dynamic(block: BlockContext) -> SignalOrBus:
 
 def _limit_rate(block: BlockContext, u: Signal, up: Signal, down: Signal, init: Signal) -> Signal:
     step = block.sample_step()
-    # y = y' + limit(u - y', down T, up T)
-    return block.feedback(init, lambda before: before + clip(u - before, down * step, up * step))
+    rise, fall = up * step, down * step
+
+    def limited(before: Signal) -> Signal:
+        # within the limits it is u itself, which before + (u - before) is up to rounding only
+        change = u - before
+        return select(change > rise, before + rise, select(change < fall, before + fall, u))
+
+    return block.feedback(init, limited)
 
 
 @block("Coulomb & Viscous Friction", offset="[1 3 2 0]", gain="1")

@@ -255,11 +255,13 @@ def discrete_derivative(block: BlockContext) -> SignalOrBus:
     return scaled_difference(block, scaled, "ICPrevScaledInput")
 
 
-def scaled_difference(block: BlockContext, u: Signal, init: str) -> Signal:
-    """Compute (u - u') / T, T in s, in which u' is the previous input; a field states the first u' / T."""
+def scaled_difference(block: BlockContext, u: Signal, init: str, reset: Signal | None = None) -> Signal:
+    """Compute (u - u') / T, T in s, u' being the previous input; a field states u' / T at first and at a reset."""
     # the state holds u' divided by the step that ends at the next sample
     now, then = u / block.sample_step(), u / block.next_sample_step()
-    return now - block.discrete_state(block.parameter(init), lambda _: then)
+    start = block.parameter(init)
+    before = block.discrete_state(start, lambda _: then)
+    return now - (before if reset is None else select(reset, start, before))
 
 
 @block("Difference", library_mask=True, ICPrevInput="0.0")

@@ -19,7 +19,7 @@ from kennfeld.importers.simulink.signals import (
     select,
     width_notes,
 )
-from kennfeld.models.imperative.graph_operators import INVERSE_HYPERBOLIC, without_rest
+from kennfeld.models.imperative.graph_operators import INVERSE_HYPERBOLIC, plain_remainder, without_rest
 from kennfeld.models.imperative.node_arrays import Nodes, elementwise, matrix_product, reduce_nodes
 
 _TURNS = {"radian": None, "degree": 360.0, "revolution": 1.0}
@@ -181,11 +181,8 @@ def math(block: BlockContext) -> SignalOrBus:
             return u ** block.input(1)
         case "hypot":
             return apply("sqrt", u * u + block.input(1) * block.input(1))
-        case "mod":
-            return _round_remainder(block, u % block.input(1), u, block.input(1))
-        case "rem":
-            v = block.input(1)  # u - v fix(u / v); u if v is 0
-            return select(apply("eq", v, 0.0), u, _round_remainder(block, u - block.truncate(u / v) * v, u, v))
+        case "mod" | "rem":
+            return _remainder(block, operator, *broadcast(u, block.input(1)))
         case "transpose" | "hermitian":
             # a vector is a column, so that its transpose is a row
             return block.signal(u.nodes.T if u.nodes.ndim == 2 else u.nodes.reshape(1, -1), u.period)
@@ -194,10 +191,15 @@ def math(block: BlockContext) -> SignalOrBus:
     raise AssertionError(operator)
 
 
-def _round_remainder(block: BlockContext, rest: Signal, u: Signal, v: Signal) -> Signal:
-    """Set a remainder to 0 if u is a multiple of v up to rounding."""
-    spread = broadcast(rest, u, v)
-    return block.signal(without_rest(block.builder, *(signal.nodes for signal in spread)), rest.period)
+def _remainder(block: BlockContext, operator: str, u: Signal, v: Signal) -> Signal:
+    """Compute u - v floor(u / v), or with "rem" u - v fix(u / v); u if v is 0."""
+    builder, nodes = block.builder, (u.nodes, v.nodes)
+    if operator == "mod":
+        rest = without_rest(builder, elementwise(builder, "mod", *nodes), *nodes)
+    else:
+        rest = without_rest(builder, plain_remainder(builder, *nodes), *nodes)
+        rest = elementwise(builder, "select", elementwise(builder, "eq", v.nodes, 0.0), u.nodes, rest)
+    return block.signal(rest, period_of((u, v)))
 
 
 @block("Sqrt", output=ARITHMETIC, Operator="sqrt", SampleTime="-1")

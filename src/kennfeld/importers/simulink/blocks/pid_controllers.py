@@ -237,9 +237,8 @@ class _PidController:
         block = self.block
         if self.is_continuous:
             raise UnsupportedError("it has an unfiltered derivative, which is not supported")
-        if "reset" in self.ports:
-            raise UnsupportedError("its unfiltered derivative is reset, which is not supported")
-        return scaled_difference(block, block.hold_in_minor_steps(scaled), "DifferentiatorICPrevScaledInput")
+        u = block.hold_in_minor_steps(scaled)
+        return scaled_difference(block, u, "DifferentiatorICPrevScaledInput", self._reset())
 
 
 def _slope(n: Signal, u: Signal, x: Signal) -> Signal:

@@ -27,6 +27,7 @@ from kennfeld.importers.simulink.variables.mask_scope import (
 
 _NONLOCAL_VISIBILITY = ("global", "scoped")  # Goto tags visible outside of their system
 
+_TRIGGERED = ("dspsigops/Sample and Hold",)  # blocks without a system whose trigger is their last input
 _MAX_INPUTS = 1_000_000  # of all blocks
 
 
@@ -46,7 +47,15 @@ class SignalTracer:
 
     def label(self, level: SystemInstance, end: Endpoint) -> str:
         """Find the name of the line at a port, traced through ports and tags."""
-        for here, source in self._trace(level, end):
+        return self._label(self._trace(level, end))
+
+    def connection(self, level: SystemInstance, end: Endpoint) -> tuple[SignalSource | None, str]:
+        """Find the source of an input port and the name of its line, as `source` and `label` do."""
+        passed = list(self._trace(level, end))
+        return self._source(passed), self._label(passed)
+
+    def _label(self, passed: Iterable[tuple[SystemInstance, Endpoint]]) -> str:
+        for here, source in passed:
             name = here.labels.get(source, "")
             block = here.system.by_sid.get(source.block)
             # <name> is a propagated name, as a line in the diagram shows it
@@ -60,10 +69,12 @@ class SignalTracer:
 
     def source(self, level: SystemInstance, end: Endpoint) -> SignalSource | None:
         """Find the block output that feeds an input port, traced through subsystems and tags."""
-        last = self._origin(level, end)
-        if last is None:
+        return self._source(list(self._trace(level, end)))
+
+    def _source(self, passed: Sequence[tuple[SystemInstance, Endpoint]]) -> SignalSource | None:
+        if not passed:
             return None
-        here, source = last
+        here, source = passed[-1]
         if (picked := self._selected_input(here, source)) is not None:
             return self.source(*picked)
         if (flat := here.flat_blocks.get(source.block)) is not None:
@@ -335,17 +346,25 @@ class ConnectionResolver:
             shared = elements(level.system, "Outport", port_number(flat.block))
             ends = [Endpoint(block.sid, "in") for block in shared]
             flat.bus_paths = tuple(element_of(block) or "" for block in shared)
-        flat.inputs = [self.wires.source(level, end) for end in ends]
+        connections = [self.wires.connection(level, end) for end in ends]
+        flat.inputs = [source for source, _ in connections]
+        flat.input_names = {index: name for index, (_, name) in enumerate(connections) if name}
         if flat.type == "BusElement" and level.parent is not None and level.holder is not None:
             flat.inputs = [self.wires.source(level.parent, Endpoint(level.holder.sid, "in", port_number(flat.block)))]
             flat.bus_paths = (element_of(flat.block) or "",)
+        if flat.type in _TRIGGERED:
+            ends.append(Endpoint(sid, "trigger"))
+            flat.inputs.append(self.wires.source(level, ends[-1]))
         if flat.type == "Chart" and flat.block.system is not None:
             flat.control_ports = {SPECIAL[port.type]: port for port in flat.block.system.of("TriggerPort")}
-            ends += [Endpoint(sid, kind) for kind in flat.control_ports]
-            flat.inputs += [self.wires.source(level, Endpoint(sid, kind)) for kind in flat.control_ports]
+            controls = [Endpoint(sid, kind) for kind in flat.control_ports]
+            flat.inputs += [self.wires.source(level, end) for end in controls]
+            flat.input_names |= {
+                index: name for index, end in enumerate(controls, len(ends)) if (name := self.wires.label(level, end))
+            }
+            ends += controls
         missing = [(index, end) for index, end in enumerate(ends) if flat.inputs[index] is None]
         flat.commented = {index: path for index, end in missing if (path := self.wires.commented_source(level, end))}
-        flat.input_names = {i: name for i, end in enumerate(ends) if (name := self.wires.label(level, end))}
         flat.output_names = {number - 1: name for number, name in flat.block.signals.items()} | level.named.get(sid, {})
 
 

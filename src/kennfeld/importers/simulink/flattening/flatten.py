@@ -30,6 +30,7 @@ from kennfeld.importers.simulink.reader.dialog_words import match_word
 from kennfeld.importers.simulink.reader.library_links import is_of_simulink
 from kennfeld.importers.simulink.reader.model_tree import (
     Endpoint,
+    LibraryLink,
     ModelBlock,
     SignalLine,
     System,
@@ -202,18 +203,26 @@ class _Flattener:
         self.placed.joints.append((flat, [(level.parent, Endpoint(level.holder.sid, "in", number))]))
 
 
+def linked_type(link: LibraryLink, known: Mapping[str, bool]) -> str:
+    """Return the block type of a link whose library is not at hand: as the mask or the block in the library is named.
+
+    A block of a toolbox is known by its place in a library, since a block of the user may have the same name.
+    """
+    path = split_path(link.source) or ("",)
+    if is_of_simulink(link.source):
+        return path[-1] if link.type not in known and path[-1] in known else f"{link.type or link.source}"
+    if link.source in known:
+        return link.source
+    return link.type if link.type and known.get(link.type, True) else link.source
+
+
 def _kind(block: ModelBlock, known: Mapping[str, bool]) -> str:
     if block.chart is not None and block.chart.kind == "Chart":
         return "Chart"
     if block.script and block.is_set_to("SFBlockType", "MATLAB Function"):
         return "MATLAB Function"
     if block.type == "Reference" and block.reference is not None:
-        link = block.reference
-        last = (split_path(link.source) or ("",))[-1]
-        # the block type, as the mask calls it or as the block in the library is named
-        if is_of_simulink(link.source):
-            return last if link.type not in known and last in known else f"{link.type or link.source}"
-        return link.type if link.type and known.get(link.type, True) else link.source
+        return linked_type(block.reference, known)
     if block.type == "SubSystem" and block.mask is not None and block.mask.type:
         return block.mask.type
     return block.type

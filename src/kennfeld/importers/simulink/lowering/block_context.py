@@ -178,12 +178,12 @@ class BlockContext:
         source = self.source(index)
         return self.compiler.value(source) if source is not None else self.constant(0.0)
 
-    def input(self, index: int = 0) -> Signal:
-        """Return the signal at an input."""
+    def input(self, index: int = 0, frames: bool = False) -> Signal:
+        """Return the signal at an input, whose rows must not be successive samples unless `frames`."""
         signal = self.input_or_bus(index)
         if isinstance(signal, ExternalBus):
             signal = signal.signal
-        if isinstance(signal, Signal) and index == 0:
+        if isinstance(signal, Signal) and index == 0 and not frames:
             self._check_frame(signal)
         if isinstance(signal, Bus):
             members = list(signal.members.values())
@@ -238,7 +238,7 @@ class BlockContext:
 
     def truncate(self, x: Signal) -> Signal:
         """Round a signal toward zero."""
-        return self.signal(truncate(self.builder, x.nodes), x.period)
+        return replace(self.signal(truncate(self.builder, x.nodes), x.period), type=x.type)
 
     def is_among(self, x: Signal, values: Iterable[float]) -> Signal:
         """Return 1 if a signal equals one of several values, else 0."""

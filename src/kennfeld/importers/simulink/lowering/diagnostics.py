@@ -122,6 +122,9 @@ def unsupported_reason(flat: FlatBlock) -> tuple[str, str]:
         return PHYSICAL_NETWORK, ""
     link = flat.block.reference
     if link is not None and not is_of_simulink(link.source):
+        if not flat.block.searched:  # the file is at hand
+            message = f"its link to {link.source[:120]} leads to no block of that library"
+            return message, "Add the folder of the version of the library that has it to `folders`, or bind the block."
         return _missing_library((split_path(link.source) or ("",))[0], flat)
     return f"blocks of type {flat.type} are not supported", ""
 

@@ -61,6 +61,25 @@ class SinglePrecisionBuilder(BoundedGraphBuilder):
         node = super().call(op, *own)
         return node if op in _EXACT else self.single(node)
 
+    @property
+    def resolution(self) -> float:
+        return float(np.finfo(np.float32).eps) if self.rounds else super().resolution
+
+    def rounded(self, node: int) -> int:
+        return self.single(node) if self.rounds else node
+
+    def in_double(self) -> AbstractContextManager[None]:
+        return self.rounding(False)
+
+    @contextmanager
+    def rounding(self, rounds: bool) -> Iterator[None]:
+        """Round the results of operations in this context, or do not."""
+        before, self.rounds = self.rounds, rounds
+        try:
+            yield
+        finally:
+            self.rounds = before
+
     def single(self, node: int) -> int:
         """Return a node rounded to single precision; itself, if it certainly is so already."""
         return node if self.is_single(node) else super().call("single", node)
@@ -154,7 +173,7 @@ class FloatTypes:
     def rounding(self, flat: FlatBlock) -> AbstractContextManager[None]:
         """Round each operation of a block that computes in single precision."""
         is_single = self.builder is not None and self._computes_in_single(flat)
-        return _rounding(self.builder) if is_single and self.builder is not None else _UNROUNDED
+        return self.builder.rounding(True) if is_single and self.builder is not None else _UNROUNDED
 
     def _computes_in_single(self, flat: FlatBlock) -> bool:
         # times within a chart are double, whatever its data are
@@ -231,15 +250,6 @@ class FloatTypes:
 
 def _are_constant(builder: GraphBuilder, nodes: Nodes) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
     return np.array([builder.value(int(node)) is not None for node in nodes.ravel()], dtype=bool).reshape(nodes.shape)
-
-
-@contextmanager
-def _rounding(builder: SinglePrecisionBuilder) -> Iterator[None]:
-    before, builder.rounds = builder.rounds, True
-    try:
-        yield
-    finally:
-        builder.rounds = before
 
 
 def _in_single(builder: SinglePrecisionBuilder, nodes: Nodes) -> Nodes:

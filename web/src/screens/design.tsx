@@ -1,0 +1,60 @@
+// What to measure next: the question, deviations now and as predicted, and the list of what to drive or to measure.
+
+import { useEffect } from "preact/hooks";
+import { computing, designs, propose, step } from "../design";
+import { Footer, Key } from "../frame";
+import { request, state } from "../store";
+import { AskPane } from "./design/ask";
+import { ListPane, OpenPane } from "./design/list";
+import { MapsPane } from "./design/maps";
+import "../instruments/search-panes.css";
+import "./design.css";
+
+function keys(event: KeyboardEvent): void {
+  const typing = (event.target as HTMLElement).closest("input, select, textarea") !== null;
+  if (document.querySelector("dialog[open]") !== null || event.ctrlKey || event.metaKey || event.altKey) return;
+  if (event.key === "Escape" && computing.value) void request("stop-design");
+  else if (typing) return;
+  else if (event.key === "ArrowDown" || event.key === "ArrowUp") step(event.key === "ArrowDown" ? 1 : -1);
+  else if (event.key === "p") void propose();
+  else return;
+  event.preventDefault();
+}
+
+export function DesignScreen() {
+  useEffect(() => {
+    addEventListener("keydown", keys);
+    return () => removeEventListener("keydown", keys);
+  }, []);
+  return (
+    <>
+      <main class="design">
+        {state.value.project === null || designs.value === null ? (
+          <section class="pane all">
+            <div class="head">
+              <h2>Measure next</h2>
+            </div>
+            <p class="pad q" id="design-empty">
+              {state.value.project === null
+                ? "Open a project first: drives and points that would determine its values are proposed here."
+                : "Reading what the data determine"}
+            </p>
+          </section>
+        ) : (
+          <>
+            <AskPane own={designs.value} />
+            <MapsPane />
+            <ListPane />
+            <OpenPane />
+          </>
+        )}
+      </main>
+      <Footer>
+        <span>deviations are predictions from the sensitivities, not from measured values</span>
+        <Key keys={["↑", "↓"]} text="segment" />
+        <Key keys={["p"]} text="propose" />
+        <Key keys={["Alt", "9"]} text="this screen" />
+      </Footer>
+    </>
+  );
+}

@@ -1,0 +1,188 @@
+// The fitted term over its channel with its standard deviation, and the errors without it and with it.
+
+import { area, extent, line, type Pen, widened } from "../../drawing/canvas";
+import { token } from "../../drawing/colours";
+import { band, dots, rules } from "../../drawing/marks";
+import { significant, withUnit } from "../../drawing/numbers";
+import { Picture } from "../../instruments/picture";
+import { otherPlace, proposal, shownTerm } from "../../missing";
+import type { Questions, ShownTerm } from "../../replies";
+
+type Arrays = Questions["term"]["arrays"];
+
+const STEPS = 80; // of a step response
+
+export function TermPicture() {
+  const [own, reply] = [proposal.value, shownTerm.value];
+  if (own === null) return <section class="pane curve none" />;
+  const kind = (otherPlace.value ?? own).kind;
+  const head = reply?.head;
+  return (
+    <section class="pane curve" aria-label="Term">
+      <div class="head">
+        <h2 class="cut">{head?.parameter || own.change}</h2>
+        <span class="sub">{subtitle(kind, head)}</span>
+        <span class="right">
+          {head?.fitted && kind !== "delay" && (
+            <>
+              <span class="key">
+                <i style={{ color: "var(--model)" }} />
+                {kind === "lag" ? "step response" : "curve"}
+              </span>
+              <span class="key">
+                <i class="box sigma" />± 1 σ
+              </span>
+            </>
+          )}
+        </span>
+      </div>
+      {reply === null ? (
+        <p class="pad q">Computing</p>
+      ) : kind === "lag" || kind === "delay" ? (
+        <Picture
+          kind="body"
+          label="Step response of the term"
+          of={[reply]}
+          draw={(pen, width, height) => drawStep(pen, width, height, reply.head, kind, own.change)}
+        />
+      ) : (
+        <Picture
+          kind="body"
+          label="The proposed curve, and the errors over its channel"
+          of={[reply, own]}
+          draw={(pen, width, height) => drawCurve(pen, width, height, reply.head, reply.arrays, kind, own.node)}
+        />
+      )}
+    </section>
+  );
+}
+
+function subtitle(kind: string, head: ShownTerm | undefined): string {
+  if (head === undefined) return "";
+  if (kind === "delay") return "has no value to fit";
+  if (!head.fitted) return "not fitted at this place: begins without effect";
+  return "a first fit, with its standard deviation";
+}
+
+function drawCurve(
+  pen: Pen,
+  width: number,
+  height: number,
+  head: ShownTerm,
+  { edges, before, after, x, error }: Arrays,
+  kind: string,
+  node: string,
+): void {
+  const range = widened(extent(head.points, edges.length ? [edges[0]!, edges.at(-1)!] : []), 0.01);
+  const [left, right, counts] = [54, width - 14, 26];
+  const middle = Math.max(90, Math.round((height - counts - 40) * 0.56));
+  const upper = { left, right, top: 10, bottom: middle };
+  const spread = head.points.map((_, k) => head.deviation[k] ?? 0);
+  const ends = head.now.flatMap((value, k) => [value - spread[k]!, value + spread[k]!]);
+  const plot = area(pen, upper, range, widened(extent(ends, [head.neutral]), 0.12), { unlabelled: true });
+  const [xs, ys] = [head.points.map(plot.x), head.now.map(plot.y)];
+  plot.clip(() => {
+    rules(pen, plot, "y", [head.neutral], token("before"));
+    const side = (sign: number) => head.now.map((value, k) => plot.y(value + sign * spread[k]!));
+    band(pen, xs, side(1), side(-1), token("model"), 0.18);
+    line(pen, xs, ys, token("model"), 1.6);
+  });
+  dots(pen, xs, ys, token("model"), 3.4);
+  note(pen, kind === "multiply" ? `factor on ${node}` : `added to ${node}`, upper.left + 8, upper.top + 13, "text");
+  note(pen, `no term: ${head.neutral}`, upper.right - 8, plot.y(head.neutral) + 12, "quiet", "right");
+  drawErrors(pen, { left, right, top: middle + 10, bottom: height - counts - 38 }, range, head, {
+    before,
+    after,
+    x,
+    error,
+    edges,
+  });
+  drawCounts(pen, { left, right, top: height - counts - 32, bottom: height - 34 }, range, head, edges);
+}
+
+/** Draw the errors of some samples over the channel, and their mean without the term and with it. */
+function drawErrors(
+  pen: Pen,
+  box: { left: number; right: number; top: number; bottom: number },
+  range: readonly [number, number],
+  head: ShownTerm,
+  own: Arrays,
+): void {
+  if (own.x.length === 0 || box.bottom - box.top < 40) return;
+  const sizes = Array.from(own.error, Math.abs)
+    .filter(Number.isFinite)
+    .toSorted((a, b) => a - b);
+  const most = Math.max(sizes[Math.floor(0.98 * (sizes.length - 1))] ?? 1, ...extent(own.before).map(Math.abs)) || 1;
+  const plot = area(pen, box, range, [-1.15 * most, 1.15 * most], { unlabelled: true });
+  const centres = Array.from(own.before, (_, k) => plot.x((own.edges[k]! + own.edges[k + 1]!) / 2));
+  plot.clip(() => {
+    rules(pen, plot, "y", [0], token("edge"));
+    pen.globalAlpha = 0.45;
+    dots(pen, Array.from(own.x, plot.x), Array.from(own.error, plot.y), token("error-before"), 1.3);
+    pen.globalAlpha = 1;
+    line(pen, centres, Array.from(own.before, plot.y), token("before"), 1.8);
+    line(pen, centres, Array.from(own.after, plot.y), token("model"), 1.8);
+  });
+  note(pen, withUnit(`error of ${head.criterion}`, head.unit), box.left + 8, box.top + 13, "text");
+  if (box.right - box.left < 360) return;
+  const legend = head.fitted ? "mean: grey without, blue with the term" : "grey: mean without the term";
+  note(pen, legend, box.right - 8, box.top + 13, "quiet", "right");
+}
+
+function drawCounts(
+  pen: Pen,
+  box: { left: number; right: number; top: number; bottom: number },
+  range: readonly [number, number],
+  head: ShownTerm,
+  edges: ArrayLike<number>,
+): void {
+  const most = Math.max(1, ...head.counts);
+  const plot = area(pen, box, range, [0, 1.1 * most], {
+    unlabelledY: true,
+    yTicks: [],
+    title: withUnit(head.input, head.inputUnit),
+  });
+  pen.fillStyle = token("before");
+  head.counts.forEach((count, k) => {
+    const [left, right] = [plot.x(edges[k]!), plot.x(edges[k + 1]!)];
+    const top = plot.y(count);
+    pen.fillRect(left + 0.75, top, Math.max(1, right - left - 1.5), box.bottom - top);
+  });
+  note(pen, "samples", box.left - 5, box.top + 16, "quiet", "right");
+}
+
+/** Draw the answer of a lag or a delay to a step, with that of a time constant by one deviation more or less. */
+function drawStep(pen: Pen, width: number, height: number, head: ShownTerm, kind: string, change: string): void {
+  const box = { left: 54, right: width - 14, top: 12, bottom: height - 38 };
+  const seconds = head.now[0] ?? 0;
+  const deviation = head.deviation[0] ?? 0;
+  if (kind === "delay") {
+    note(pen, `${change}: the values arrive later, unchanged.`, 16, 28, "quiet");
+    return;
+  }
+  const end = 5 * (seconds || 1);
+  const times = Array.from({ length: STEPS + 1 }, (_, k) => (end * k) / STEPS);
+  const plot = area(pen, box, [0, end], [0, 1.1], { title: "time [s]" });
+  const answer = (constant: number) => times.map((t) => plot.y(constant > 0 ? 1 - Math.exp(-t / constant) : 1));
+  const xs = times.map(plot.x);
+  plot.clip(() => {
+    rules(pen, plot, "y", [1], token("before"));
+    band(pen, xs, answer(Math.max(seconds - deviation, 0)), answer(seconds + deviation), token("model"), 0.18);
+    line(pen, xs, answer(seconds), token("model"), 1.6);
+    rules(pen, plot, "x", [seconds], token("edge"), [3, 3]);
+  });
+  const spread = deviation > 0 ? ` ± ${significant(deviation, 2)}` : "";
+  note(pen, `${significant(seconds, 3)}${spread} s`, plot.x(seconds) + 6, box.bottom - 10, "text");
+}
+
+function note(pen: Pen, text: string, x: number, y: number, colour: string, align: CanvasTextAlign = "left"): void {
+  pen.textAlign = align;
+  const wide = pen.measureText(text).width;
+  pen.globalAlpha = 0.8;
+  pen.fillStyle = token("paper");
+  pen.fillRect(align === "right" ? x - wide - 2 : x - 2, y - 9, wide + 4, 12);
+  pen.globalAlpha = 1;
+  pen.fillStyle = token(colour);
+  pen.fillText(text, x, y);
+  pen.textAlign = "left";
+}
