@@ -15,10 +15,11 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 
 from docstrings import parse
 
+from kennfeld.app.project_questions import PROJECT_QUESTIONS
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.questions.overview import StateNews
 from kennfeld.app.wire import Absent, Question, is_array, is_arrays, members, wire_fields
-from kennfeld.app.workspace import _OWN
+from kennfeld.app.workspace import ActivityNews
 
 __all__ = ["documents", "module"]
 
@@ -39,7 +40,7 @@ _PLAIN = {str: "string", int: "number", float: "number", bool: "boolean", NoneTy
 
 def documents(folder: Path) -> dict[Path, str]:
     """Return the module of the types."""
-    return {folder / "src" / "replies.ts": module({**QUESTIONS, **COMMANDS, **_OWN})}
+    return {folder / "src" / "replies.ts": module({**QUESTIONS, **COMMANDS, **PROJECT_QUESTIONS})}
 
 
 def module(questions: Mapping[str, Question[Any]]) -> str:
@@ -47,6 +48,7 @@ def module(questions: Mapping[str, Question[Any]]) -> str:
     types = _Types()
     rows = [line for name, question in questions.items() for line in types.question(name, question)]
     types.name(StateNews)
+    types.name(ActivityNews)
     doc = _comment("Questions by name: what is asked, and the JSON and the arrays of the reply.", "")
     listed = "\n".join([*doc, "export interface Questions {", *rows, "}"])
     return "\n".join([_HEAD, *(f"{text}\n" for text in types.texts.values()), listed, ""])

@@ -15,6 +15,7 @@ from kennfeld.app.session.state import SetTables
 from kennfeld.base.errors import ArgumentError, InputError
 from kennfeld.calfiles import read
 from kennfeld.export.host_compiler import HostCompiler
+from tests.calfiles import a2l_files
 
 PROJECT = """\
 model.file = "speed.kf"
@@ -188,3 +189,32 @@ def test_two_files_of_one_name_are_refused(session: Session) -> None:
         write(session, name="parameters", formats=[".m"])
     with pytest.raises(ArgumentError, match="no file is chosen"):
         write(session, languages=[], formats=[])
+
+
+def test_calculated_signals_are_written_as_mdf_with_the_chosen_values(session: Session) -> None:
+    session.do(SetTables("edited", {"K": np.array(0.75)}))
+    done = write(session, languages=[], formats=[], signals=True)
+    assert done["files"] == ["export/simulation.mf4"]
+    data = kf.read(session.path.parent / "export" / "simulation.mf4")
+    expected = session.require_view().now.outputs[0][0]
+    assert data["m"].values == pytest.approx(expected)
+    assert data["m"].unit == "Nm"
+
+
+def test_an_a2l_file_chosen_for_the_storage_states_the_steps(session: Session) -> None:
+    folder = session.path.parent
+    layout = a2l_files.layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT")
+    scale = a2l_files.method("CM", "LINEAR", "COEFFS_LINEAR 0.125 0")
+    label = a2l_files.label("VALUE", name="K", conversion="CM", limits="0 30")
+    (folder / "ecu.a2l").write_bytes(a2l_files.module(layout, scale, label))
+    choices = ask(session, "control-unit")
+    assert choices["descriptions"] == ["ecu.a2l"]
+    ask(session, "set-storage", steps={}, storage="ecu.a2l")
+    assert not session.stale, session.findings
+    after = ask(session, "control-unit")
+    assert after["storage"] == "ecu.a2l"
+    rows = {row["name"]: row for row in after["rows"]}
+    assert (rows["K"]["step"], rows["K"]["bits"]) == (0.125, 8)
+    assert "ecu.a2l does not define it" in rows["Gain"]["reason"]
+    ask(session, "set-storage", steps={}, storage="")
+    assert ask(session, "control-unit")["storage"] == ""

@@ -12,6 +12,7 @@ import pytest
 from kennfeld import RBF, Axis, Curve, Expansion, ParameterSet, Scalar
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.session.edited_values import fit_onto, moved_breakpoints, with_edits
+from kennfeld.app.session.reference import deviation_of
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.signals import SignalName
 from kennfeld.app.session.state import SetText, SetValues
@@ -123,7 +124,7 @@ def test_the_end_of_a_run_belongs_to_the_breakpoints_of_its_start(project: Path)
         time.sleep(0.01)
         session.pump()
     np.testing.assert_allclose(session.parameters["C"].values, INTERPOLATED, atol=1e-5)
-    assert session.deviation("C") is None
+    assert deviation_of(session, "C") is None
 
 
 @pytest.mark.usefixtures("forked_workers")
@@ -134,7 +135,7 @@ def test_breakpoints_that_a_run_moved_are_shown_saved_and_undone(project: Path) 
     calibrate(session)
     [quality] = session.runs[-1].result.quality
     assert rmse(session) == pytest.approx(quality.rmse_after, rel=1e-6)
-    assert session.deviation("C") is not None
+    assert deviation_of(session, "C") is not None
     session.undo()
     assert session.parameters["C"].axes[0].breakpoints.tolist() == [0, 1, 2.5, 3]
     ask(session, "accept", title="all", source={"from": 1}, cells={"C": None})

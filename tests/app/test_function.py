@@ -272,3 +272,28 @@ def test_a_misspelt_name_is_located_at_its_character(torque: Path) -> None:
 def test_formula_text_has_no_diagram(torque: Path) -> None:
     with pytest.raises(ArgumentError, match="not in a file of another tool"):
         QUESTIONS["diagram"](Session(torque), {})
+
+
+@pytest.mark.guests
+def test_a_block_that_needs_a_fixed_step_is_offered_that_of_the_data(tmp_path: Path) -> None:
+    model = Model("late", solver="ode45", step="auto")
+    model.inport("u")
+    model.block("TransportDelay", "Delay", DelayTime="0.2", InitialOutput="0")
+    model.outport("y")
+    model.chain("u", "Delay", "y")
+    model.write(tmp_path)
+    (tmp_path / "drive.csv").write_text("time,u,m\n0,1,0\n0.1,2,0\n0.2,3,1\n0.3,4,2\n", encoding="utf-8")
+    project = tmp_path / "kennfeld.toml"
+    project.write_text(
+        '[model]\nfile = "late.slx"\n[[dataset]]\nfiles = ["drive.csv"]\n[[criterion]]\nnode = "y"\n'
+        'target = { channel = "m" }\n',
+        encoding="utf-8",
+    )
+    session = Session(project)
+    own = QUESTIONS["diagram"](session, {}).head
+    assert [(each["path"], each["needsStep"]) for each in own["blocking"]] == [("Delay", True)]
+    assert own["dataStep"] == pytest.approx(0.1)
+    COMMANDS["set-keys"](session, {"title": "step", "changes": [[["model", "step"], own["dataStep"]]]})
+    after = QUESTIONS["diagram"](session, {}).head
+    assert after["blocking"] == []
+    assert "dataStep" not in after

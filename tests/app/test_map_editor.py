@@ -148,3 +148,58 @@ def test_samples_that_inform_a_point_are_shown_for_a_curve_too(editor: Any, exha
     samples = number(editor.inner_text(".evid dd:has-text('stretches')").split()[0].replace("\u2009", ""))
     assert samples > 0
     assert editor.locator(".evid .n1 canvas").evaluate(LIT) > 20
+
+
+def test_marks_reference_and_order_follow_the_keys_and_choices(editor: Any) -> None:
+    grid, cell = editor.locator("table.grid"), "td[data-cell='3,2']"
+    editor.click(cell)
+    grid.press("l")
+    editor.wait_for_selector(f"{cell}.lock")
+    editor.wait_for_selector(READY)
+    assert editor.locator("button:text-is('Fit this point only')").is_disabled()
+    grid.press("l")
+    editor.wait_for_selector(f"{cell}:not(.lock)")
+    editor.wait_for_selector(READY)
+    grid.press("p")
+    editor.wait_for_selector(f"{cell}.pinned")
+    editor.wait_for_selector(READY)
+    grid.press("Shift+ArrowRight")
+    grid.press("p")  # both, as one of them is not pinned yet
+    editor.wait_for_selector("td[data-cell='4,2'].pinned")
+    editor.wait_for_selector(READY)
+    grid.press("p")
+    editor.wait_for_selector(f"{cell}:not(.pinned)")
+    editor.wait_for_selector(READY)
+    grid.press("d")
+    assert editor.locator("button:text-is('Difference')").get_attribute("aria-pressed") == "true"
+    grid.press("d")
+    editor.select_option("select[aria-label='Compare with']", "start")
+    editor.wait_for_selector(READY)
+    assert "start, difference" in editor.inner_text(".facts3")
+    names = lambda: editor.locator("[data-parameter] b").all_inner_texts()  # noqa: E731
+    assert names() == ["MapSettled", "CurveTimeConstant"]
+    editor.click("[data-parameter=CurveTimeConstant]")
+    editor.wait_for_selector(READY)
+    grid.focus()
+    grid.press("*")
+    grid.press("2")
+    grid.press("Enter")
+    editor.wait_for_selector(READY)
+    editor.select_option("select[aria-label='Sort the parameters']", "change")
+    editor.wait_for_function("() => document.querySelector('[data-parameter] b').textContent === 'CurveTimeConstant'")
+
+
+@pytest.mark.slow
+def test_a_selection_is_fitted_alone_as_a_run_of_the_history(editor: Any) -> None:
+    editor.click("td[data-cell='3,2']")
+    editor.locator("table.grid").press("Shift+ArrowRight")
+    before = editor.locator("table.grid td").all_inner_texts()
+    editor.click(".selbar button:text-is('Fit')")
+    editor.wait_for_selector("header .job:has-text('converged')", timeout=60_000)
+    editor.wait_for_selector(READY)
+    after = editor.locator("table.grid td").all_inner_texts()
+    width = editor.locator("table.grid tr").first.locator("th").count() - 1
+    changed = {k for k, (one, two) in enumerate(zip(before, after, strict=True)) if number(one) != number(two)}
+    assert changed == {2 * width + 3, 2 * width + 4}
+    editor.click("[data-screen=results]")
+    editor.wait_for_selector("[data-set='1']:has-text('2 × 1 points only')")

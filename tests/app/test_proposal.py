@@ -201,3 +201,14 @@ def test_formula_text_is_checked_and_drawn_without_data(tmp_path: Path) -> None:
         ("a", "map", ["MapX"]),
         ("b", "sqrt", []),
     ]
+
+
+def test_a_function_with_declared_inputs_is_drawn_without_data_by_the_parameters_of_the_project(tmp_path: Path) -> None:
+    (tmp_path / "f.kf").write_text("input a\nz = G * a\n")
+    (tmp_path / "kennfeld.toml").write_text(
+        '[model]\nfile = "f.kf"\n[[dataset]]\nfiles = ["gone.csv"]\n[parameters.G]\ninitial = 1.0\n'
+        '[[criterion]]\nnode = "z"\ntarget = "y"\n'
+    )
+    session = Session(tmp_path / "kennfeld.toml")
+    assert session.view is None
+    assert [node["name"] for node in QUESTIONS["flow"](session, {}).head["nodes"]] == ["z"]

@@ -4,16 +4,21 @@ import io
 import json
 import os
 import re
+import struct
 import subprocess
 import sys
 import time
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
+from kennfeld.app.answer import Answer
+from kennfeld.app.server.server import packed
 from kennfeld.project.demo import write
 from tests.app.serving import Served, served
 
@@ -227,3 +232,13 @@ def test_sigterm_during_a_run_prints_nothing(tmp_path: Path) -> None:
         process.terminate()
         _, err = process.communicate(timeout=60)
     assert err == ""
+
+
+@pytest.mark.parametrize("head", [{"id": 7, "seen": np.bool_(True)}, {"id": 7, "rmse": float("nan")}])
+def test_an_answer_that_cannot_be_sent_is_an_error_that_can(head: dict[str, Any]) -> None:
+    frame = packed(Answer(head, {"x": np.zeros(2)}))
+    (length,) = struct.unpack_from("<I", frame)
+    said = json.loads(frame[4 : 4 + length])
+    assert said["id"] == 7
+    assert said["error"].startswith("The answer cannot be sent: ")
+    assert said["arrays"] == []

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from kennfeld.app.questions import QUESTIONS
+from kennfeld.app.session.reference import deviation_of
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys, SetValues
 from kennfeld.app.session.value_edits import ValueEdit
@@ -63,7 +64,7 @@ def test_a_run_gives_the_same_values_as_the_command_line(exhaust: Path) -> None:
     expected = Project.read(exhaust).calibrate()
     for name, table in expected.parameters.items():
         np.testing.assert_array_equal(session.parameters[name].values, table.values)
-    assert session.deviation("MapSettled") is not None
+    assert deviation_of(session, "MapSettled") is not None
     (progress,) = [
         row for row in QUESTIONS["progress"](session, {}).head["tables"] if row["name"] == "CurveTimeConstant"
     ]

@@ -217,3 +217,22 @@ def test_steps_are_moved_and_unknown_keys_removed(torque: Path) -> None:
         torque.read_text(encoding="utf-8")
         == text + '\n[[step]]\nname = "coarse"\ngrid_reduction = 2\n\n[[step]]\nname = "fine"\n'
     )
+
+
+def test_a_new_limit_keeps_its_bounds_in_view_and_the_cursor(torque: Path) -> None:
+    with project_page(torque, "optimization") as page:
+        page.click("[data-add=limit]")
+        page.fill("[data-setting='limit.node'] input", "TorquePredict")
+        page.keyboard.press("Enter")
+        page.fill("[data-setting='limit.min'] input", "-50")
+        page.keyboard.press("Tab")
+        page.wait_for_selector("[data-section=limit] [data-entry='1']")
+        page.wait_for_selector("[data-section=limit] .draft", state="detached")
+        assert page.is_visible("[data-setting='limit.min']")
+        page.wait_for_selector("[data-setting='limit.max']:focus-within")
+        page.keyboard.type("400")
+        page.keyboard.press("Enter")
+        page.wait_for_function("() => document.getElementById('unsaved').innerText.startsWith('2 unsaved')")
+        page.click("#save")
+        page.wait_for_selector("#save[disabled]")
+    assert '[[limit]]\nnode = "TorquePredict"\nmin = -50\nmax = 400\n' in torque.read_text(encoding="utf-8")

@@ -7,11 +7,13 @@ from typing import Any
 import pytest
 
 import kennfeld as kf
+from kennfeld.app.answer import Answer
+from kennfeld.app.project_questions import DEMOS, DemoRow
 from kennfeld.app.questions import QUESTIONS
 from kennfeld.app.recent import forget, recent_file, recent_projects, remember, summarise
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.summary import summarise_session
-from kennfeld.app.workspace import DEMOS, AppWorkspace, DemoRow
+from kennfeld.app.workspace import AppWorkspace
 from kennfeld.base.errors import ArgumentError
 from kennfeld.project import Project
 from kennfeld.project.demo import write
@@ -125,9 +127,12 @@ def test_a_project_that_no_page_shows_is_closed_unless_it_has_edits(
 
 def test_a_change_on_disk_is_noticed_after_one_of_another_project(torque: Path, exhaust: Path) -> None:
     workspace, news = AppWorkspace(torque), list[Any]()
-    workspace.subscribe(
-        lambda topic, answer, project: news.append(answer.head["state"]["changedOnDisk"]), lambda project: None
-    )
+
+    def note(topic: str, answer: Answer, project: str) -> None:
+        if topic == "state":
+            news.append(answer.head["state"]["changedOnDisk"])
+
+    workspace.subscribe(note, lambda project: None)
     for project in (torque, exhaust):
         workspace.answer("open", {"path": str(project)})
         project.write_text(project.read_text(encoding="utf-8") + "# changed\n", encoding="utf-8")

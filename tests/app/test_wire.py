@@ -12,15 +12,16 @@ import numpy as np
 import pytest
 
 from kennfeld.app.answer import Answer
+from kennfeld.app.project_questions import PROJECT_QUESTIONS
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.wire import ABSENT, Absent, KeyChange, Question, from_json, members, to_answer, to_json
-from kennfeld.app.workspace import _OWN, AppWorkspace
+from kennfeld.app.workspace import AppWorkspace
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
 
 ROOT = Path(__file__).parents[2]
-ALL: Mapping[str, Question[Any]] = {**QUESTIONS, **COMMANDS, **_OWN}
+ALL: Mapping[str, Question[Any]] = {**QUESTIONS, **COMMANDS, **PROJECT_QUESTIONS}
 
 
 @dataclass(frozen=True)

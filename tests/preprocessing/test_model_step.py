@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.base.errors import InputError
+from kennfeld.base.errors import InputError, Location
 from kennfeld.domain.dataset import Dataset
 from kennfeld.preprocessing.model_step import refine_step
 from tests.importers.simulink.simulink_files import Model
@@ -15,7 +15,7 @@ def recording(time, starts=(0,), **columns):
 
 
 def test_a_finer_step_interpolates_inputs_and_scores_the_data_alone():
-    data = refine_step(recording([0, 0.2, 0.4], u=[0.5, 1.5, 2.5], y=[1.5, 2.5, 3.5]), 0.1, {"u"}, "here")
+    data = refine_step(recording([0, 0.2, 0.4], u=[0.5, 1.5, 2.5], y=[1.5, 2.5, 3.5]), 0.1, {"u"}, Location("here"))
     np.testing.assert_allclose(data.time, [0, 0.1, 0.2, 0.3, 0.4])
     np.testing.assert_allclose(data["u"].values, [0.5, 1.0, 1.5, 2.0, 2.5])
     np.testing.assert_allclose(data["y"].values, [1.5, np.nan, 2.5, np.nan, 3.5])
@@ -23,7 +23,9 @@ def test_a_finer_step_interpolates_inputs_and_scores_the_data_alone():
 
 
 def test_a_finer_step_keeps_pieces_apart():
-    data = refine_step(recording([0, 1, 0, 1, 2], starts=[0, 2], u=[0.5, 1.5, 9.5, 8.5, 7.5]), 0.5, {"u"}, "here")
+    data = refine_step(
+        recording([0, 1, 0, 1, 2], starts=[0, 2], u=[0.5, 1.5, 9.5, 8.5, 7.5]), 0.5, {"u"}, Location("here")
+    )
     assert data.starts.tolist() == [0, 3]
     np.testing.assert_allclose(data["u"].values, [0.5, 1.0, 1.5, 9.5, 9.0, 8.5, 8.0, 7.5])
     np.testing.assert_allclose(data.time, [0, 0.5, 1, 0, 0.5, 1, 1.5, 2])
@@ -31,7 +33,7 @@ def test_a_finer_step_keeps_pieces_apart():
 
 def test_the_same_step_changes_nothing():
     data = recording([0, 0.1, 0.2], u=[1.0, 2.0, 3.0])
-    assert refine_step(data, 0.1, {"u"}, "here") is data
+    assert refine_step(data, 0.1, {"u"}, Location("here")) is data
 
 
 @pytest.mark.parametrize(
@@ -52,7 +54,7 @@ def test_the_same_step_changes_nothing():
 )
 def test_a_step_that_does_not_fit_is_a_finding(time, expected):
     with pytest.raises(InputError, match=expected):
-        refine_step(recording(time, u=[1.0, 2.0, 3.0]), 0.1, {"u"}, "here")
+        refine_step(recording(time, u=[1.0, 2.0, 3.0]), 0.1, {"u"}, Location("here"))
 
 
 @pytest.fixture

@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 
 from kennfeld import cli
+from kennfeld.app.project_questions import PROJECT_QUESTIONS
 from kennfeld.app.questions import COMMANDS, QUESTIONS
-from kennfeld.app.workspace import _OWN, AppWorkspace
+from kennfeld.app.workspace import AppWorkspace
 from kennfeld.base.errors import KennfeldError
 from tests.project.hostile_projects import TRAINING, TRAPS, contents, plant_pickles, write_outside, write_project
 
@@ -241,7 +242,7 @@ def test_no_question_of_the_app_writes_outside(project: Path, outside: Path, tra
 
 def test_every_question_that_writes_is_asked() -> None:
     assert set(ARGUMENTS) <= {*QUESTIONS, *COMMANDS}
-    assert {*_OWN} == {"projects", "open", "demo", "new", "forget", "show"}
+    assert {*PROJECT_QUESTIONS} == {"projects", "open", "demo", "new", "forget", "show"}
 
 
 @pytest.mark.parametrize("name", ["../outside.kf", "/tmp/outside.kf", "a/../../outside.kf"])

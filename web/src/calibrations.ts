@@ -14,7 +14,7 @@ import type {
   WrittenCalibration,
 } from "./replies";
 import { scoped } from "./scope";
-import { message, request, screen, settled } from "./store";
+import { message, request, screen, settled, state } from "./store";
 import { upload } from "./uploads";
 
 export const folder = scoped<CalibrationFiles>({ files: [], descriptions: [], endings: [], initial: [] });
@@ -65,9 +65,15 @@ const loadContents = newest(async (given: AskedContents) => {
 
 const active = computed(() => screen.value === "files" && settled.value.project !== null);
 const key = computed(() => `${settled.value.revision} ${settled.value.runs.length} ${changed.value}`);
+/** Changes with the files of the folder, not with every edit of a value. */
+const listing = computed(
+  () =>
+    `${settled.value.textRevision} ${settled.value.runs.length} ${changed.value} ${state.value.unsaved.length === 0}`,
+);
 
 effect(() => {
-  if (active.value || (screen.value === "results" && settled.value.project !== null)) loadFolder(key.value);
+  const listed = active.value || screen.value === "results" || screen.value === "parameters";
+  if (listed && settled.value.project !== null) loadFolder(listing.value);
 });
 effect(() => {
   if (!active.value || !key.value) return;

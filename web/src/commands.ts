@@ -2,6 +2,7 @@
 
 import { signal } from "@preact/signals";
 import { accept } from "./comparison";
+import { copiedOnScreen, take, WAYS } from "./copying";
 import { allKeys, jump, panel, togglePanel } from "./navigation";
 import { outcome, resume, run, running, view } from "./runs";
 import { save } from "./saving";
@@ -30,6 +31,12 @@ const screens: [Screen, string, number | string][] = [
   ["design", "Measure next", 9],
   ["control-unit", "Control unit", "E"],
 ];
+
+/** The titles of the screens. */
+export const TITLES: Record<string, string> = {
+  ...Object.fromEntries(screens.map(([name, title]) => [name, title])),
+  start: "Projects",
+};
 
 export const COMMANDS: Command[] = [
   ...screens.map(
@@ -135,9 +142,21 @@ export function searchable(): Command[] {
   ];
 }
 
+/** Copy or save a picture or a table of the screen. */
+function copies(): Command[] {
+  return copiedOnScreen()
+    .filter((own) => own.label !== "")
+    .flatMap((own) =>
+      WAYS[own.kind].map(
+        ([way, text]): Command => ({ title: `${text}: ${own.label}`, keys: [], run: () => void take(own, way) }),
+      ),
+    );
+}
+
 function actions(): Command[] {
   return [
     ...COMMANDS.filter((command) => command.enabled?.() ?? true),
+    ...copies(),
     ...state.value.parameters.map(
       (p): Command => ({
         title: `Open ${p.name}`,

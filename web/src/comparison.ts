@@ -3,7 +3,7 @@
 import { computed, effect } from "@preact/signals";
 import { source } from "./calibrations";
 import { newest } from "./connection";
-import type { AskedChoice, ChoiceScores, ComparedScore, ComparedTable, SetRow, TrustReply } from "./replies";
+import type { AskedChoice, ChoiceScores, ComparedScore, ComparedTable, LimitRow, SetRow, TrustReply } from "./replies";
 import { scoped } from "./scope";
 import { message, request, screen, settled, state } from "./store";
 
@@ -30,6 +30,7 @@ export const scores = scoped<ComparedScore[]>([]);
 export const tried = scoped("");
 export const trust = scoped<Required<TrustReply>>(NOTHING);
 export const chosen = scoped("");
+export const limits = scoped<LimitRow[]>([]);
 
 /** The sets A and B: "now", "start", the number of a run, or "file:NAME". */
 export const first = computed(() => picked.value.first || "start");
@@ -45,16 +46,19 @@ export const nameOfSet = (key: string): string => (/^\d+$/.test(key) ? `run ${ke
 export const shown = computed(() => changes.value.find((each) => each.name === chosen.value) ?? ranked.value[0]);
 
 const load = newest(async (_: string) => {
-  const [compared, known, sets] = await Promise.all([
-    request("compare", { first: source(first.value), second: source(second.value) }),
+  const both = { first: source(first.value), second: source(second.value) };
+  const [compared, known, sets, held] = await Promise.all([
+    request("compare", both),
     request("trust"),
     request("sets"),
+    request("limits", both),
   ]);
   if (compared !== null) {
     changes.value = compared.head.changes;
     scores.value = compared.head.scores;
   }
   if (known !== null) trust.value = { ...NOTHING, ...known.head };
+  if (held !== null) limits.value = held.head.rows;
   if (sets !== null) history.value = sets.head.rows;
 });
 

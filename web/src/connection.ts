@@ -1,6 +1,6 @@
 // The socket: questions with answers, and news that the server pushes. A lost connection is picked up again.
 
-import type { Questions, StateNews } from "./replies";
+import type { ActivityNews, Questions, StateNews } from "./replies";
 import { letInAgain } from "./restart";
 import { parseRoute } from "./route";
 import { onRenewal, projectId } from "./scope";
@@ -32,10 +32,16 @@ interface Frame {
   arrays: Record<string, Float32Array>;
 }
 
-type Listener = (news: StateNews) => void;
+/** News that the server pushes, by topic. */
+interface News {
+  state: StateNews;
+  activity: ActivityNews;
+}
+
+type Listener<Topic extends keyof News = keyof News> = (news: News[Topic]) => void;
 
 const waiting = new Map<number, { resolve: (frame: Frame) => void; reject: (error: Error) => void }>();
-const listeners = new Map<string, Listener>();
+const listeners = new Map<string, Listener<never>>();
 let socket: WebSocket | null = null;
 let count = 0;
 let online: (connected: boolean) => void = () => {};
@@ -54,7 +60,7 @@ export function unpack(frame: ArrayBuffer): Frame {
 }
 
 /** Handle news of a topic. */
-export function listen(topic: "state", listener: Listener): void {
+export function listen<Topic extends keyof News>(topic: Topic, listener: Listener<Topic>): void {
   listeners.set(topic, listener);
 }
 
@@ -93,7 +99,7 @@ function open(pause: number): void {
 function receive(frame: Frame): void {
   const { push, id, error } = frame.head;
   if (push !== undefined) {
-    listeners.get(push)?.(frame.head as Frame["head"] & StateNews);
+    listeners.get(push)?.(frame.head as never);
     return;
   }
   if (id === undefined) return;

@@ -140,7 +140,10 @@ export const folder = scoped("");
 export const existing = scoped<string[]>([]); // files that would be replaced
 export const written = scoped<WrittenUnit | null>(null);
 
-export const chosenCount = computed(() => languages.value.size + formats.value.size);
+/** What the function calculates over all data is written, too. */
+export const signals = scoped(false);
+
+export const chosenCount = computed(() => languages.value.size + formats.value.size + Number(signals.value));
 
 function flipped<T>(set: ReadonlySet<T>, item: T): Set<T> {
   const next = new Set(set);
@@ -173,6 +176,7 @@ export async function writeFiles(force: boolean): Promise<void> {
     inputs: inputs.value,
     step: step.value,
     folder: folder.value || unit.value!.folder,
+    signals: signals.value,
     force,
   });
   busy.value = "";

@@ -151,7 +151,9 @@ export function ErrorList() {
             <th class="num">start</th>
             <th class="num">training</th>
             <th class="num">test</th>
-            <th />
+            <th>
+              <span class="unseen">unit</span>
+            </th>
             <th class="num">last edit</th>
           </tr>
         </thead>

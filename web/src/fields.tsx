@@ -29,6 +29,9 @@ const set = (props: FieldProps, value: Toml | null, text: string): void => {
   void setKeys([[props.path, value]], `${props.label}: ${text || "default"}`);
 };
 
+/** A default as a narrow field shows it: without the cases in which it is another one. */
+const briefDefault = (key: KeyRow | undefined): string | undefined => key?.default.split(/[;,] /)[0];
+
 /** A number; empty removes the key, so that the default shown in grey counts. */
 export function NumberField(props: FieldProps) {
   const [own, key] = [valueAt(props.path), keyAt(props.path)];
@@ -37,12 +40,12 @@ export function NumberField(props: FieldProps) {
     <span
       class={`field small num ${bad(props.path) ? "bad" : ""} ${own === undefined ? "empty" : ""}`}
       data-setting={settingName(props.path)}
-      style={{ width: `${props.width ?? 56}px` }}
+      style={{ minWidth: `${props.width ?? 56}px` }}
       title={title(props)}
     >
       <NumberInput
         label={props.label}
-        placeholder={props.placeholder ?? key?.default}
+        placeholder={props.placeholder ?? briefDefault(key)}
         own={own}
         enter={(value, text) => set(props, value, text)}
       />

@@ -1,7 +1,7 @@
 // The frame around every screen: header with the errors and the job, the steps on the left, the status line.
 
 import type { ComponentChildren } from "preact";
-import { overlay } from "./commands";
+import { overlay, TITLES } from "./commands";
 import { detail as written } from "./control-unit";
 import { count, MISSING } from "./drawing/numbers";
 import { Errors } from "./errors";
@@ -29,6 +29,7 @@ export function Header() {
   const running = isRunning(job);
   return (
     <header>
+      <h1 class="unseen">{[TITLES[screen.value], project?.name, "Kennfeld"].filter(Boolean).join(", ")}</h1>
       <div class="bar0">
         <div class="brand">
           <Logo />

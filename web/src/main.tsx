@@ -1,5 +1,6 @@
 // The page: connects to the server, shows the screen of the present step, and listens to keys.
 
+import { effect } from "@preact/signals";
 import { type JSX, render } from "preact";
 import { shortcut } from "./commands";
 import { connect, listen } from "./connection";
@@ -92,6 +93,9 @@ connect((on) => {
   if (connected.value && !on && lost === null)
     lost = { path: state.value.project?.path ?? "", unsaved: state.value.unsaved.length > 0 };
   connected.value = on;
+});
+effect(() => {
+  document.title = [state.value.project?.name, "Kennfeld"].filter(Boolean).join(" – ");
 });
 addEventListener("keydown", shortcut);
 takeDrops();

@@ -1,12 +1,15 @@
 // What lies over the page: the command palette, the list of keys, and notices that ask for a decision.
 
 import { useComputed, useSignal } from "@preact/signals";
+import { ActivityNote } from "./activity";
 import { CodeConsent } from "./code-consent";
 import { COMMANDS, type Command, overlay, searchable } from "./commands";
+import { CopyMenu } from "./copy-menu";
 import { Dialog } from "./dialog";
 import { ErrorList } from "./errors";
 import { Icon } from "./icons";
-import { proposals } from "./instruments/proposals";
+import { Fixes } from "./instruments/finding";
+import { AddProposals } from "./instruments/proposals";
 import { showFinding } from "./navigation";
 import { decide, leaving } from "./projects";
 import { foreign } from "./restart";
@@ -17,6 +20,7 @@ export function Overlays() {
   return (
     <>
       <Notices />
+      <CopyMenu />
       <Conflicts />
       <Leaving />
       {overlay.value === "palette" && <Palette />}
@@ -61,7 +65,7 @@ function Palette() {
           onKeyDown={key}
         />
       </label>
-      <div role="listbox">
+      <div role="listbox" aria-label="What is found">
         {found.map((command, k) => (
           <button
             class={`entry ${k === chosen.value ? "on" : ""}`}
@@ -108,6 +112,12 @@ const GROUPS: [string, [string[], string][]][] = [
       [["=", "*", "/"], "arithmetic: *1,1"],
       [["i"], "interpolate"],
       [["s"], "smooth"],
+      [["l"], "lock or free"],
+      [["p"], "pin, or remove the pin"],
+      [["e"], "evidence: its samples in Plots"],
+      [["d"], "values, or the difference to the reference"],
+      [["g"], "grey reference"],
+      [["h"], "hatch values without data"],
       [["Del"], "back to the reference"],
       [["Ctrl", "C"], "copy, and Ctrl V paste, as in Excel"],
     ],
@@ -242,7 +252,7 @@ function Leaving() {
 function Blocking() {
   const own = blocking.value;
   // what is not allowed yet is asked for by a notice of its own
-  if (own === null || state.value.code.length > 0 || screen.value === "start") return null;
+  if (own === null || state.value.code.length > 0 || state.value.interrupted || screen.value === "start") return null;
   const more = state.value.findings.filter((each) => each.severity === "error").length - 1;
   return (
     <div class="note bad" id="blocking">
@@ -251,17 +261,8 @@ function Blocking() {
         {own.text}
         {more > 0 && <span class="q"> and {more} more</span>}
       </span>
-      {proposals.value.length > 0 && screen.value !== "function" && screen.value !== "data" && (
-        <button
-          class="btn small"
-          title={proposals.value.map((each) => each.title).join("\n")}
-          onClick={() => {
-            screen.value = "function";
-          }}
-        >
-          {proposals.value.length === 1 ? "1 proposal" : `${proposals.value.length} proposals`}
-        </button>
-      )}
+      <Fixes own={own} />
+      {screen.value !== "function" && screen.value !== "data" && <AddProposals />}
       <button class="btn small" id="show-blocking" onClick={() => showFinding(own)}>
         Show
       </button>
@@ -273,6 +274,7 @@ function Notices() {
   const { changedOnDisk, recoverable } = state.value;
   return (
     <div class="notices" role="status">
+      <ActivityNote />
       <Blocking />
       {!connected.value && foreign.value && (
         <div class="note bad" id="restarted">

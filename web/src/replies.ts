@@ -29,8 +29,12 @@ export interface EditedTable {
   values: number[];
   /** Values to compare with. */
   reference: number[];
+  /** Where these are from. */
+  referenceTitle: string;
   /** Numbers of values that are not fitted. */
   locked: number[];
+  /** Numbers of values that a pin holds. */
+  pinned: number[];
   /** Numbers of values whose edits wait for the end of a run. */
   waiting: number[];
   lower: (number | null)[];
@@ -171,6 +175,7 @@ export interface ScatterArrays {
   start: Float32Array;
   lit: Float32Array;
   edges: Float32Array;
+  beyond: Float32Array;
   after: Float32Array;
   before: Float32Array;
   brushed: Float32Array;
@@ -412,7 +417,7 @@ export interface RunProgress {
   steps: StepRow[];
 }
 
-/** The search from one start: its last accepted step, or its end. */
+/** The search from one start: its last accepted step, or its end; and the stages that it went through. */
 export interface StartRow {
   start: number;
   state: string;
@@ -422,6 +427,13 @@ export interface StartRow {
   cost: number | null;
   rmse: number | null;
   seconds: number;
+  stages: StageRow[];
+}
+
+/** A stage of a search, and the number of steps before it. */
+export interface StageRow {
+  name: string;
+  begin: number;
 }
 
 /** A coarse picture of a table; `start` are the initial values of a curve. */
@@ -636,6 +648,30 @@ export interface MovedTogether {
   unit: string;
 }
 
+/** The limits of the project with two sets of values. */
+export interface LimitRows {
+  rows: LimitRow[];
+}
+
+/** A limit: what it is about, its range in words, and its unit. */
+export interface LimitRow {
+  name: string;
+  text: string;
+  unit: string;
+  first: LimitState;
+  second: LimitState;
+}
+
+/** A limit with one set of values. */
+export interface LimitState {
+  /** How far the worst value is beyond it; 0 if it holds, null if that is not known. */
+  excess: number | null;
+  /** Number of values at the limit. */
+  active: number;
+  /** Where the worst value is, in words. */
+  worst: string;
+}
+
 /** Values that the data of the last run cannot determine; without a run, only empty lists. */
 export interface TrustReply {
   directions: UndeterminedDirection[];
@@ -845,6 +881,109 @@ export interface MappedInput {
   number?: number;
 }
 
+/** The errors of a criterion by file, as lines of a number of pixels. */
+export interface AskedErrors {
+  criterion?: number;
+  pixels?: number;
+}
+
+/** The errors by file. */
+export interface FileErrors {
+  criterion: string;
+  unit: string;
+  files: FileRow[];
+  /** Largest error of the bins of the histograms, to either side. */
+  reach: number;
+  shifts: EstimatedShift[];
+}
+
+/** A file of a dataset that is used, with the errors of a criterion. */
+export interface FileRow {
+  /** Number of the dataset among those that are used, from 0 on. */
+  dataset: number;
+  name: string;
+  use: string;
+  timed: boolean;
+  /** Time stamp of the first sample in s, as recorded; of data without time 0. */
+  begin: number;
+  end: number;
+  /** That are scored. */
+  samples: number;
+  /** Now; `before` with the initial values. */
+  rmse: number | null;
+  before: number | null;
+  largest: number | null;
+  /** Begin, end and RMSE of the worst stretch, in s, of data without time in samples from 1 on. */
+  worst: [number, number, number] | null;
+  /** Number of stretches in which a channel that the function reads is missing, and their length together. */
+  gaps: [number, number];
+}
+
+/** The shift of a channel that the last run has estimated. */
+export interface EstimatedShift {
+  dataset: number;
+  channel: string;
+  shift: number;
+}
+
+/** The arrays of FileErrors. */
+export interface FileErrorsArrays {
+  /** By number of the file least and greatest error of each pixel in turn, and `bins N` its histogram. */
+  [name: string]: Float32Array;
+}
+
+/** Signals over all files, as lines of a number of pixels. */
+export interface AskedFileLines {
+  signals: SignalName[];
+  pixels?: number;
+}
+
+/** Signals over all files; `lines` are called `SIGNAL FILE` by their numbers. */
+export interface FileLines {
+  signals: SignalFacts[];
+}
+
+/** A signal over all files. */
+export interface SignalFacts {
+  name: string;
+  unit: string;
+  least: number | null;
+  greatest: number | null;
+  /** Why it cannot be drawn; empty if it can. */
+  missing: string;
+  /** By number of the file begin and end of its longest stretches without values. */
+  gaps: Record<string, [number, number][]>;
+}
+
+/** The arrays of FileLines. */
+export interface FileLinesArrays {
+  [name: string]: Float32Array;
+}
+
+/** A channel, and the criterion whose error tells its shift. */
+export interface AskedScan {
+  channel: string;
+  criterion?: number;
+}
+
+/** The error over a shift of a channel beyond that of the project file, see `ShiftScan`. */
+export interface ScanReply {
+  channel: string;
+  criterion: string;
+  unit: string;
+  best: number;
+  deviation: number | null;
+  seen: boolean;
+  atTheEnd: boolean;
+  samples: number;
+}
+
+/** The arrays of ScanReply. */
+export interface ScanArrays {
+  shifts: Float32Array;
+  rmse: Float32Array;
+}
+
 /** Proposals for all that the project lacks, and why its initial files say nothing about some of it. */
 export interface ProposalRows {
   proposals: ProposalRow[];
@@ -918,6 +1057,8 @@ export interface ImportedFunction {
   schedule?: ScheduleRow[];
   states?: StateRow[];
   places?: SourcePlace[];
+  /** Of the recordings in s, if a block needs a fixed step of the function. */
+  dataStep?: number | null;
 }
 
 /** The part of an ASCET model that the project chooses: a class with its methods, or tasks. */
@@ -1004,6 +1145,8 @@ export interface BlockingBlock {
   remedy: string;
   stops: boolean;
   undefined: string[];
+  /** A fixed step of the function is what it lacks. */
+  needsStep: boolean;
 }
 
 /** A variable without a value, and the blocks that use it. */
@@ -1270,6 +1413,8 @@ export interface ExportFormats {
   folder: string;
   /** True if it has the files of a run. */
   stored: boolean;
+  /** True if files can be opened on the desktop of this machine. */
+  opens: boolean;
 }
 
 /** Files that are written into the results folder. */
@@ -1311,6 +1456,11 @@ export interface RoundedRow {
 /** A file that would be replaced; nothing was written. */
 export interface ExistingFile {
   exists: string;
+}
+
+/** A file of the project's folder to open; empty for the results folder. */
+export interface OpenedFile {
+  file?: string;
 }
 
 /** The choices of the screen of the control unit. */
@@ -1488,6 +1638,8 @@ export interface UnitCommand {
   step?: number | null;
   /** Of the project's folder. */
   folder?: string;
+  /** Write what the function calculates over all data, as MDF. */
+  signals?: boolean;
   /** Replace files that exist with another content. */
   force?: boolean;
 }
@@ -1985,6 +2137,19 @@ export interface ValueEdit {
   drag?: string;
 }
 
+/** The set to compare with; null takes the last run, or the start. */
+export interface ChosenReference {
+  source?: SourceName | null;
+}
+
+/** Values of a parameter that are locked or pinned, or not any more, by their numbers in C order. */
+export interface CellMark {
+  name: string;
+  cells: number[];
+  on: boolean;
+  title: string;
+}
+
 /** Keys of the project file with their new values. Edits of one `drag` are one entry of the history. */
 export interface KeysEdit {
   changes: [Path, Toml | null][];
@@ -1997,6 +2162,13 @@ export interface TomlEdit {
   path: Path;
   text: string;
   title: string;
+}
+
+/** The fix that a user takes: the text of its finding, its title, and the chosen value. */
+export interface ChosenFix {
+  finding: string;
+  fix: string;
+  option?: string;
 }
 
 /** The text of the function, or of the project file if `file` is empty. */
@@ -2093,6 +2265,18 @@ export interface RunCommand {
   folds?: number | null;
   /** Kind of the parts. */
   parts?: string;
+  /** Fit these values alone, with all others held. */
+  only?: FittedPart | null;
+}
+
+/** Values of one table that are fitted alone. */
+export interface FittedPart {
+  /** The table. */
+  name: string;
+  /** Numbers of the values in C order. */
+  cells: number[];
+  /** What they are, for the history: `MapX at 3000, 40`. */
+  title: string;
 }
 
 /** Values of a set that are taken, see `AskedChoice`. */
@@ -2295,6 +2479,8 @@ export interface AppState {
   /** Files of the project that another program has changed, each with how. */
   changedOnDisk: string[];
   recoverable: boolean;
+  /** The user has stopped the reading of the recordings, which are missing. */
+  interrupted: boolean;
   function: ShownFunction;
   nodes?: NamedUnit[];
   inputs?: string[];
@@ -2305,6 +2491,7 @@ export interface AppState {
   criteria?: CriterionRow[];
   /** Of data in partitions: samples that the screens show, and all samples; null if all are shown. */
   excerpt?: [number, number] | null;
+  reference?: ReferenceRow;
 }
 
 /** The open project. */
@@ -2331,6 +2518,14 @@ export interface FindingRow {
   path: string;
   /** The screen on which it is solved. */
   screen: "data" | "function" | "parameters" | "optimization" | "results" | "design";
+  /** Changes of the project file that solve it. */
+  fixes: FixRow[];
+}
+
+/** A fix of a finding by its title, and the values to choose from if it needs one. */
+export interface FixRow {
+  title: string;
+  options: string[];
 }
 
 /** A file whose code, or an address that, has not been allowed. */
@@ -2371,10 +2566,11 @@ export interface SearchState {
   detail: string;
 }
 
-/** A calibration of this session. */
+/** A calibration of this session; `part` are the values that it fitted, in words, empty if all. */
 export interface RunRow {
   number: number;
   status: string;
+  part: string;
 }
 
 /** The file of the function, and the screen that shows it: `formula`, or the one of its importer. */
@@ -2407,17 +2603,30 @@ export interface ParameterRow {
   changed: number;
   atBound: number;
   withoutData: number;
+  /** Largest change against the reference, relative to the largest value. */
+  change: number | null;
+  /**
+   * Median standard deviation after the last run, relative to the span of the values; null if it is not known, or if
+   * most values are undetermined, which `undetermined` says.
+   */
+  deviation: number | null;
+  undetermined: boolean;
+  /** True if no criterion depends on it, or no training sample looks it up. */
+  unused: boolean;
   thumbnail: number[][];
 }
 
-/** A dataset; `pieces` are the positions at which its pieces but the first begin. */
+/** A dataset. */
 export interface DatasetRow {
+  /** In the project file, from 1 on; those that are off count there. */
+  number: number;
   name: string;
   use: string;
   samples: number;
   timed: boolean;
   begin: number;
   end: number;
+  /** The positions at which its pieces but the first begin. */
   pieces: number[];
   channels: NamedUnit[];
 }
@@ -2429,9 +2638,22 @@ export interface CriterionRow {
   unit: string;
 }
 
+/** The set that present values are compared with: "start", the number of a run or "file:NAME", and in words. */
+export interface ReferenceRow {
+  key: string;
+  title: string;
+  chosen: boolean;
+}
+
 /** The state without an open project. */
 export interface NoProject {
   project: null;
+}
+
+/** An activity that takes a while, and the share of it that is done; an empty text at its end. */
+export interface ActivityNews {
+  text: string;
+  share: number | null;
 }
 
 /** Questions by name: what is asked, and the JSON and the arrays of the reply. */
@@ -2455,12 +2677,16 @@ export interface Questions {
   sets: { asks: Nothing; head: SetHistory; arrays: Nothing };
   compare: { asks: ComparedValues; head: ValueChanges; arrays: Nothing };
   choice: { asks: AskedChoice; head: ChoiceScores; arrays: Nothing };
+  limits: { asks: ComparedValues; head: LimitRows; arrays: Nothing };
   trust: { asks: Nothing; head: TrustReply; arrays: Nothing };
   pinned: { asks: AskedPin; head: PinnedReply; arrays: Nothing };
   settings: { asks: Nothing; head: SettingsReply; arrays: Nothing };
   schema: { asks: Nothing; head: SchemaReply; arrays: Nothing };
   names: { asks: Nothing; head: NamesReply; arrays: Nothing };
   files: { asks: Nothing; head: DataFiles; arrays: Nothing };
+  "file-errors": { asks: AskedErrors; head: FileErrors; arrays: FileErrorsArrays };
+  "file-lines": { asks: AskedFileLines; head: FileLines; arrays: FileLinesArrays };
+  "shift-scan": { asks: AskedScan; head: ScanReply; arrays: ScanArrays };
   proposals: { asks: Nothing; head: ProposalRows; arrays: Nothing };
   functions: { asks: Nothing; head: KnownFunctions; arrays: Nothing };
   diagram: { asks: Nothing; head: ImportedFunction; arrays: Nothing };
@@ -2476,6 +2702,7 @@ export interface Questions {
   validity: { asks: Nothing; head: ValidityRows; arrays: Nothing };
   formats: { asks: Nothing; head: ExportFormats; arrays: Nothing };
   export: { asks: ExportCommand; head: ExportedFiles | ExistingFile; arrays: Nothing };
+  "open-file": { asks: OpenedFile; head: Nothing; arrays: Nothing };
   "control-unit": { asks: Nothing; head: ControlUnit; arrays: Nothing };
   rounding: { asks: AskedRounding; head: RoundingReply; arrays: Nothing };
   "finer-storage": { asks: AskedTrial; head: FinerRow; arrays: Nothing };
@@ -2492,8 +2719,12 @@ export interface Questions {
   pair: { asks: AskedPair; head: LabelPair; arrays: Nothing };
   "write-calibration": { asks: WriteCommand; head: WrittenCalibration | ExistingFile; arrays: Nothing };
   "set-values": { asks: ValueEdit; head: Nothing; arrays: Nothing };
+  "choose-reference": { asks: ChosenReference; head: Nothing; arrays: Nothing };
+  "lock-values": { asks: CellMark; head: Nothing; arrays: Nothing };
+  "pin-values": { asks: CellMark; head: Nothing; arrays: Nothing };
   "set-keys": { asks: KeysEdit; head: Nothing; arrays: Nothing };
   "set-toml": { asks: TomlEdit; head: Nothing; arrays: Nothing };
+  "apply-fix": { asks: ChosenFix; head: Nothing; arrays: Nothing };
   "set-text": { asks: TextEdit; head: Nothing; arrays: Nothing };
   "choose-function": { asks: ChosenFunction; head: Nothing; arrays: Nothing };
   "reread-function": { asks: Nothing; head: Nothing; arrays: Nothing };

@@ -31,10 +31,10 @@ export function valueAt(path: Path): Toml | undefined {
 
 export type Change = [Path, Toml | null];
 
-/** Set keys of the project file; null removes one. */
-export async function setKeys(changes: Change[], title: string): Promise<void> {
+/** Set keys of the project file; null removes one. Returns false if they are refused. */
+export async function setKeys(changes: Change[], title: string): Promise<boolean> {
   message.value = title;
-  await request("set-keys", { changes, title });
+  return (await request("set-keys", { changes, title })) !== null;
 }
 
 /** A path as messages and the documentation write it: `[model] step`. */

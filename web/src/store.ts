@@ -40,8 +40,10 @@ const EMPTY: AppState = {
   seconds: 0,
   changedOnDisk: [],
   recoverable: false,
+  interrupted: false,
   function: { file: "", screen: "formula" },
   excerpt: null,
+  reference: { key: "start", title: "start", chosen: false },
 };
 
 export const state = signal<AppState>(EMPTY);
@@ -68,11 +70,8 @@ export interface Selection {
 }
 export const selection = scoped<Selection>({ x: [0, 0], y: [0, 0], active: [0, 0] });
 
-/** What the values are compared with: the last run, or the start. */
-export const referenceName = computed(() => {
-  const last = state.value.runs.at(-1);
-  return last === undefined ? "start" : `run ${last.number}`;
-});
+/** What the values of the open table are compared with, in words. */
+export const referenceName = computed(() => table.value?.referenceTitle ?? state.value.reference.title);
 
 export const parameter = computed(() => state.value.parameters.find((p) => p.name === openName.value) ?? null);
 

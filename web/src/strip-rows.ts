@@ -77,18 +77,29 @@ export const inputs = computed<SignalName[]>(() => {
   return settled.value.inputs.filter((name) => names.has(name)).map((name) => ({ kind: "channel", name }));
 });
 
+/** False if the target of a criterion is a channel that the dataset lacks. */
+function isScored(target: string): boolean {
+  const own = dataset.value?.channels.some((each) => each.name === target) ?? true;
+  const elsewhere = settled.value.datasets.some((data) => data.channels.some((each) => each.name === target));
+  return own || !elsewhere;
+}
+
 const defaults = computed<Spec[]>(() => [
-  ...settled.value.criteria.flatMap<Spec>((criterion, i) => [
-    {
-      weight: 1.6,
-      lines: [
-        { kind: "target", name: String(i) },
-        { kind: "node", name: criterion.node },
-        { kind: "start", name: criterion.node },
-      ],
-    },
-    { weight: 1, lines: [{ kind: "error", name: String(i) }] },
-  ]),
+  ...settled.value.criteria.flatMap<Spec>((criterion, i) =>
+    !isScored(criterion.target)
+      ? []
+      : [
+          {
+            weight: 1.6,
+            lines: [
+              { kind: "target", name: String(i) },
+              { kind: "node", name: criterion.node },
+              { kind: "start", name: criterion.node },
+            ],
+          },
+          { weight: 1, lines: [{ kind: "error", name: String(i) }] },
+        ],
+  ),
   ...inputs.value.map<Spec>((each) => ({ weight: 1, lines: [each] })),
 ]);
 

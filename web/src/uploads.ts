@@ -1,5 +1,7 @@
 // Files that are dropped onto the page: stored beside the project.
 
+import { showUpload } from "./activity";
+import { significant } from "./drawing/numbers";
 import { projectId } from "./scope";
 import { failure, message } from "./store";
 
@@ -8,16 +10,40 @@ export async function upload(files: File[]): Promise<string[]> {
   const names: string[] = [];
   for (const file of files) {
     message.value = `Reading ${file.name}`;
-    try {
-      const answer = await fetch(inProject(`/upload/${encodeURIComponent(file.name)}`), { method: "PUT", body: file });
-      const { file: stored, error } = (await answer.json()) as { file?: string; error?: string };
-      if (stored === undefined) failure.value = `${file.name}: ${error}`;
-      else names.push(stored);
-    } catch {
-      failure.value = `${file.name} could not be stored: the connection was lost. Drop it again.`;
-    }
+    const answer = await put(file, files.length > 1 ? `, ${files.indexOf(file) + 1} of ${files.length} files` : "");
+    if (answer === null) break;
+    if (answer.file === undefined) failure.value = `${file.name}${answer.error}`;
+    else names.push(answer.file);
   }
+  showUpload(null);
   return names;
+}
+
+const LOST = " could not be stored: the connection was lost. Drop it again.";
+
+/** Store a file, and show how much of it is stored; null if the user has stopped it. */
+function put(file: File, which: string): Promise<{ file?: string; error?: string } | null> {
+  return new Promise((resolve) => {
+    const sent = new XMLHttpRequest(); // fetch does not say how much of a body is sent
+    sent.open("PUT", inProject(`/upload/${encodeURIComponent(file.name)}`));
+    const show = (share: number): void =>
+      showUpload({ text: `Storing ${file.name}, ${significant(file.size / 1e6, 3)} MB${which}`, share }, () =>
+        sent.abort(),
+      );
+    sent.upload.onprogress = ({ loaded }) => show(loaded / Math.max(1, file.size));
+    sent.onabort = () => resolve(null);
+    sent.onerror = () => resolve({ error: LOST });
+    sent.onload = () => {
+      try {
+        const { file: stored, error } = JSON.parse(sent.responseText) as { file?: string; error?: string };
+        resolve(stored === undefined ? { error: `: ${error}` } : { file: stored });
+      } catch {
+        resolve({ error: LOST });
+      }
+    };
+    show(0);
+    sent.send(file);
+  });
 }
 
 const OF_FOLDERS = /\.(esdl|app)$/i; // what is taken of a folder: an ASCET project also holds diagrams and settings

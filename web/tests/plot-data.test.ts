@@ -34,6 +34,7 @@ const project: AppState = {
     seconds: 0,
     changedOnDisk: [],
     recoverable: false,
+    interrupted: false,
     function: { file: "a.kf", screen: "formula" },
     inputs: ["n"],
   },
@@ -45,7 +46,7 @@ const project: AppState = {
   criteria: [{ node: "trq", target: "torque", unit: "Nm" }],
   datasets: [
     {
-      ...{ name: "a", use: "training", samples: 3, timed: true, begin: 0, end: 100, pieces: [] },
+      ...{ number: 1, name: "a", use: "training", samples: 3, timed: true, begin: 0, end: 100, pieces: [] },
       channels: [{ name: "n", unit: "rpm" }],
     },
   ],

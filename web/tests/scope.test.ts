@@ -73,7 +73,9 @@ test("an answer that arrives after another project was opened is dropped, also i
 const OF_THE_PAGE = new Set([
   "store.ts state connected screen theme",
   "restart.ts foreign",
+  "activity.tsx told uploading shown stopping began now",
   "commands.ts overlay",
+  "copy-menu.tsx shown",
   "projects.ts known chosen filter opening leaving",
   "schema.ts sections shownForms",
   "runs.ts view",
@@ -85,7 +87,7 @@ const OF_THE_PAGE = new Set([
   "screens/function/flow.tsx pageWidth",
   "screens/function/fold.tsx opened",
   "screens/function/block-tree.tsx column",
-  "screens/parameters.tsx shown",
+  "instruments/map-table.tsx shownMarks",
   "screens/optimization.tsx quantity",
   "screens/plots.tsx wide",
   "screens/start/new-project.tsx path name over",

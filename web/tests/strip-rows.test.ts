@@ -11,7 +11,7 @@ const { takeState } = await import("../src/store");
 const strips = await import("../src/strip-rows");
 
 const dataset: DatasetRow = {
-  ...{ name: "drive", use: "training", samples: 3, timed: true, begin: 0, end: 2, pieces: [] },
+  ...{ number: 1, name: "drive", use: "training", samples: 3, timed: true, begin: 0, end: 2, pieces: [] },
   channels: [
     { name: "n", unit: "rpm" },
     { name: "rl", unit: "%" },
@@ -34,6 +34,7 @@ const project: AppState = {
     seconds: 0,
     changedOnDisk: [],
     recoverable: false,
+    interrupted: false,
     function: { file: "a.kf", screen: "formula" },
   },
   job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0, validates: false },

@@ -9,7 +9,9 @@ function table(points: number[][], values: number[], own: Partial<EditedTable> =
   const empty = {
     unit: "",
     description: "",
+    referenceTitle: "start",
     locked: [],
+    pinned: [],
     waiting: [],
     lower: [],
     upper: [],

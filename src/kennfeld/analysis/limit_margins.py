@@ -25,11 +25,20 @@ ACTIVE = 1e-7  # of the terms of a row: closer than this is at the limit
 
 @dataclass(frozen=True)
 class ActiveConstraint:
-    """A linear limit at given values: the number of its `rows`, and the labels of the active ones."""
+    """A linear limit at given values.
+
+    Attributes:
+        rows: their number.
+        active: labels of the rows at a side.
+        excess: how far the worst row is beyond a side, in the unit of the row; 0 if none is.
+        worst: label of that row, empty if none is.
+    """
 
     constraint: Shape | Equality
     rows: int
     active: tuple[str, ...]
+    excess: float = 0.0
+    worst: str = ""
 
 
 def active_constraints(problem: Problem, parameters: ParameterSet) -> tuple[ActiveConstraint, ...]:
@@ -50,8 +59,28 @@ def active_constraints(problem: Problem, parameters: ParameterSet) -> tuple[Acti
         rows = linear_limits(alone, values).rows
         product, size = rows.times(flat), rows.size(flat)
         active = np.flatnonzero(_near(product, rows.lower, size) | _near(product, rows.upper, size))
-        constraints.append(ActiveConstraint(constraint, rows.count, tuple(rows.names[i] for i in active)))
+        beyond = np.where(_within(product, rows.lower, rows.upper, size), 0.0, _beyond(product, rows.lower, rows.upper))
+        at = int(beyond.argmax()) if rows.count else 0
+        excess = float(beyond[at]) if rows.count else 0.0
+        constraints.append(
+            ActiveConstraint(
+                constraint,
+                rows.count,
+                tuple(rows.names[i] for i in active),
+                excess,
+                rows.names[at] if excess > 0 else "",
+            )
+        )
     return tuple(constraints)
+
+
+def _beyond(product: Float, lower: Float, upper: Float) -> Float:
+    return np.maximum(lower - product, product - upper)
+
+
+def _within(product: Float, lower: Float, upper: Float, size: Float) -> Bool:
+    """Mark rows that no side excludes by more than rounding."""
+    return (_beyond(product, lower, upper) <= 0) | _near(product, lower, size) | _near(product, upper, size)
 
 
 def _near(product: Float, side: Float, size: Float) -> Bool:

@@ -1,26 +1,23 @@
 """The open projects that pages share, and the answers to their questions."""
 
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from kennfeld import __version__
 from kennfeld.app.answer import Answer
 from kennfeld.app.folders import confined, free_path
+from kennfeld.app.project_questions import OPENING, PROJECT_QUESTIONS
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.questions.overview import AppState, NoProject, StateNews, overview
-from kennfeld.app.recent import RecentProject, forget, project_id, recent_projects, remember, summarise
-from kennfeld.app.session.recovery import Recovery
+from kennfeld.app.recent import project_id, recent_projects, remember, summarise
+from kennfeld.app.session.activity import Activity, StoppedError
 from kennfeld.app.session.session import Session
-from kennfeld.app.session.summary import PictureLines, summarise_session
-from kennfeld.app.wire import ABSENT, Absent, Question, from_json, questions_of, to_answer
+from kennfeld.app.session.summary import summarise_session
+from kennfeld.app.wire import to_answer
 from kennfeld.base.errors import ArgumentError, InputError, Location
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.base.output_paths import plain_name
-from kennfeld.project.demo import all_or_none, prepare, write
-from kennfeld.project.schemas import PROJECT_SCHEMA, directive, schema_text
 
 UPLOAD_ENDING = ".upload.part"
 ABANDONED = 600.0  # s after which an upload is not in progress any more
@@ -45,6 +42,8 @@ class AppWorkspace:
         self._changed: dict[str, Sequence[str]] = {}  # by project, what pages know to have changed on disk
         self._seen: dict[str, float] = {}  # by project, when a page last showed it
         self.latest = ""
+        self._asking = ""  # the project whose pages are told what takes a while
+        self._activity = Activity(self._tell_activity)
         if path is not None:
             self.open(path)
 
@@ -63,7 +62,8 @@ class AppWorkspace:
         if session is None:
             return
         runs = len(session.runs)
-        session.pump()
+        with self._active(project):
+            session.pump()
         if len(session.runs) > runs:
             self._summarise(session)
         self._tell(project)
@@ -82,7 +82,7 @@ class AppWorkspace:
         project = project_id(path)
         if project not in self._sessions:
             _remove_parts(path.parent)
-            self._sessions[project] = Session(path, lambda: self._wake(project))
+            self._sessions[project] = Session(path, lambda: self._wake(project), self._activity)
         self.latest, self._seen[project] = project, time.monotonic()
         remember(path)
         return project
@@ -98,6 +98,10 @@ class AppWorkspace:
         """
         if not asked:
             return self.latest
+        with self._active(""):
+            return self._joined(asked)
+
+    def _joined(self, asked: str) -> str:
         if asked not in self._sessions:
             path = next((each.path for each in recent_projects() if project_id(each.path) == asked), None)
             with suppress(InputError):
@@ -114,8 +118,35 @@ class AppWorkspace:
             KennfeldError: the question cannot be answered.
         """
         project = self.latest if project is None else project
-        if ask in _OWN:
-            answer = _OWN[ask](self, given)
+        with self._active(project):
+            return self._answer(ask, given, project)
+
+    @contextmanager
+    def _active(self, project: str) -> Iterator[None]:
+        """Tell the pages of a project what takes a while within the block, and let them stop it."""
+        self._asking = project
+        self._activity.begin()
+        try:
+            yield
+        except StoppedError:
+            raise ArgumentError("stopped; nothing has changed") from None
+        finally:
+            self._activity.end()
+
+    def _tell_activity(self, text: str, share: float | None) -> None:
+        self._push("activity", to_answer(ActivityNews(text, share)), self._asking)
+
+    def say(self, text: str) -> None:
+        """Tell pages what takes a while. Raises `StoppedError` if a user has stopped it."""
+        self._activity.say(text)
+
+    def stop_activity(self) -> None:
+        """Stop what takes a while; may be called from any thread."""
+        self._activity.stop()
+
+    def _answer(self, ask: str, given: Mapping[str, Any], project: str) -> Answer:
+        if ask in PROJECT_QUESTIONS:
+            answer = PROJECT_QUESTIONS[ask](self, given)
             if ask in OPENING:
                 project = self.latest
                 self._tell(project)
@@ -216,154 +247,11 @@ class AppWorkspace:
 
 
 @dataclass(frozen=True)
-class RecentRow:
-    """A project that was opened before; the summary that follows `open` may lack any of its parts.
+class ActivityNews:
+    """An activity that takes a while, and the share of it that is done; an empty text at its end."""
 
-    Attributes:
-        opened: when, in s since 1970; 0 if unknown.
-        unsaved: true if it has unsaved edits.
-        id: by which addresses of the page name it.
-        open: true if it is open in this or in another page.
-        state: status of the last run, or the number of problems.
-        problem: the first problem.
-        file: formula file.
-        node: of the first criterion.
-        training: RMSE on training data.
-        test: RMSE on test data.
-        histogram: of the errors on training data.
-        nodes: number of nodes.
-        datasets: name, use and samples of each.
-        parameters: number of free parameters.
-        values: number of free values.
-        run: the last run in words.
-    """
-
-    id: str
-    path: str
-    name: str
-    folder: str
-    opened: float
-    unsaved: bool
-    open: bool
-    state: str | Absent = ABSENT
-    problem: str | Absent = ABSENT
-    file: str | Absent = ABSENT
-    node: str | Absent = ABSENT
-    unit: str | Absent = ABSENT
-    training: float | Absent = ABSENT
-    test: float | Absent = ABSENT
-    histogram: Sequence[float] | Absent = ABSENT
-    nodes: int | Absent = ABSENT
-    datasets: Sequence[tuple[str, str, int]] | Absent = ABSENT
-    parameters: int | Absent = ABSENT
-    values: int | Absent = ABSENT
-    run: str | Absent = ABSENT
-    without_data: int | Absent = ABSENT
-    picture: PictureLines | Absent = ABSENT
-
-
-@dataclass(frozen=True)
-class DemoRow:
-    """A demo that can be written."""
-
-    name: str
-    title: str
     text: str
-    facts: str
-
-
-@dataclass(frozen=True)
-class KnownProjects:
-    """Recent projects, the demos, the folder in which new projects are made, and the version of Kennfeld."""
-
-    recent: Sequence[RecentRow]
-    demos: Sequence[DemoRow]
-    folder: str
-    version: str
-
-
-@dataclass(frozen=True)
-class ProjectPath:
-    """A project by its file or folder."""
-
-    path: str
-
-
-@dataclass(frozen=True)
-class ProjectId:
-    """A project that was opened before, by its id."""
-
-    project: str
-
-
-@dataclass(frozen=True)
-class DemoName:
-    """A demo by its name."""
-
-    name: str
-
-
-@dataclass(frozen=True)
-class NewProject:
-    """A new project.
-
-    Attributes:
-        name: of its folder.
-        free: the name is that of a file that was dropped, and a number is added if the folder exists.
-    """
-
-    name: str
-    free: bool = False
-
-
-def _projects(workspace: AppWorkspace) -> KnownProjects:
-    """Return recent projects with their summaries, the demos, and the folder in which new projects are made."""
-    workspace.summarise_open()
-    recent = [_recent_row(each, is_open=workspace.is_open(each.path)) for each in recent_projects()]
-    return KnownProjects(recent, DEMOS, _short(Path.cwd()), __version__)
-
-
-def _recent_row(own: RecentProject, *, is_open: bool) -> RecentRow:
-    """Return a recent project; of a summary that another version has kept, nothing is shown."""
-    row = {
-        "id": project_id(own.path),
-        "path": str(own.path),
-        "name": own.path.parent.name,
-        "folder": _short(own.path.parent),
-        "opened": own.opened,
-        "unsaved": Recovery(own.path).exists,
-        "open": is_open,
-    }
-    try:
-        recent: RecentRow = from_json(RecentRow, {**row, **own.summary}, "recent")
-    except ArgumentError:
-        recent = from_json(RecentRow, row, "recent")
-    return recent
-
-
-def _short(folder: Path) -> str:
-    """Return a path as users write it: `~/calibration`."""
-    home = Path.home()
-    if not folder.is_relative_to(home):
-        return str(folder)
-    return "~" if folder == home else f"~/{folder.relative_to(home).as_posix()}"
-
-
-def _forget(workspace: AppWorkspace, asked: ProjectPath) -> None:
-    forget(Path(asked.path))
-
-
-def _open(workspace: AppWorkspace, asked: ProjectPath) -> None:
-    """Open a project, unless it is open already."""
-    workspace.open(Path(asked.path).expanduser())
-
-
-def _show(workspace: AppWorkspace, asked: ProjectId) -> None:
-    """Open a project that was opened before."""
-    joined = workspace.join(asked.project)
-    if not joined:
-        raise ArgumentError(f"{asked.project[:100]} is not among the recent projects")
-    workspace.latest = joined
+    share: float | None
 
 
 def _remove_parts(folder: Path) -> None:
@@ -372,60 +260,3 @@ def _remove_parts(folder: Path) -> None:
         for path in folder.glob(f".*{UPLOAD_ENDING}"):
             if time.time() - path.stat().st_mtime > ABANDONED:
                 path.unlink(missing_ok=True)
-
-
-def _demo(workspace: AppWorkspace, asked: DemoName) -> None:
-    """Write a demo into the working directory, unless it is there, and open it."""
-    name = asked.name
-    folder = Path(f"kennfeld-demo-{name}")
-    with all_or_none(folder):
-        path = write(name, folder)
-        prepare(name, path.parent, lambda line: None)
-    workspace.open(path)
-
-
-NEW = f'{directive(PROJECT_SCHEMA)}\n\n[model]\nfile = "function.kf"\n'
-NEW_FUNCTION = "# A line a node: name[unit] = expression\n"
-
-
-def _new(workspace: AppWorkspace, asked: NewProject) -> None:
-    """Create an empty project in a new folder of the working directory, and open it."""
-    name = asked.name.strip()
-    folder = free_path(Path(), Path(plain_name(name)).stem) if asked.free else Path(name or "project")
-    folder = folder.expanduser()
-    if folder.exists() and any(folder.iterdir()):
-        raise InputError.of(Location(str(folder)), "the folder is not empty", "Choose another name.")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "function.kf").write_text(NEW_FUNCTION, encoding="utf-8")
-        (folder / PROJECT_SCHEMA).write_text(schema_text(PROJECT_SCHEMA), encoding="utf-8")
-        (folder / "kennfeld.toml").write_text(NEW, encoding="utf-8")
-    except OSError as error:
-        raise InputError.of(Location(str(folder)), f"cannot be created: {error.strerror or error}") from None
-    workspace.open(folder / "kennfeld.toml")
-
-
-DEMOS = [
-    DemoRow(
-        "torque",
-        "Engine torque",
-        "Three maps and a curve, steady points from a test bench.",
-        "2839 + 1000 points, 519 values",
-    ),
-    DemoRow(
-        "exhaust",
-        "Exhaust gas temperature",
-        "A map and a time constant, 44 minutes of driving.",
-        "26 482 + 12 000 samples, 154 values",
-    ),
-    DemoRow(
-        "idle",
-        "Idle speed governor",
-        "Two gains around an engine learnt from recordings.",
-        "1500 samples, 2 values",
-    ),
-]
-_OWN: dict[str, Question[AppWorkspace]] = questions_of(
-    {"projects": _projects, "open": _open, "show": _show, "demo": _demo, "new": _new, "forget": _forget}
-)
-OPENING = ("open", "show", "demo", "new")  # questions after which the page that asked shows another project

@@ -9,20 +9,22 @@
 A fit that does not converge raises no exception: the status of its `Result` states it.
 """
 
+import json
 import re
 import sys
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import KW_ONLY, replace
+from dataclasses import KW_ONLY, field, replace
 from pathlib import Path
 from types import FrameType
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.notebook_display import NotebookDisplay
 
 Severity = Literal["error", "warning", "remark"]
+Keys = tuple[str | int, ...]  # of a file in TOML; entries of a list count from 1
 _Value = TypeVar("_Value")  # Python 3.11
 
 # control characters except tab and newline, invisible characters, and those that change the writing direction
@@ -30,6 +32,9 @@ _UNSEEN = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f\u00ad\u061c\u180e\u200b\u200e\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb"
     "\U000e0000-\U000e007f]"
 )
+
+
+_MAX_TITLE = 40  # of the value that a fix sets
 
 
 def is_plain(text: str) -> bool:
@@ -66,6 +71,7 @@ class Location:
         line: line of the file from 1 on; 0 if the location is the file as a whole, or has no lines.
         path: place within the file, such as a section and key, a label or a block; may be empty.
         column: column from 1 on of the line, or of the text at the path; 0 if the location is all of it.
+        keys: keys of the table of a project file that the location is within; empty elsewhere.
 
     >>> print(Location("engine.dcm", 12, "MapX"), "|", Location("kennfeld.toml", 4, "[model] step"))
     engine.dcm line 12 (MapX) | kennfeld.toml line 4 [model] step
@@ -77,6 +83,7 @@ class Location:
     line: int = 0
     path: str = ""
     column: int = 0
+    keys: Keys = field(default=(), compare=False, repr=False)
 
     @classmethod
     def of_file(cls, path: Path | str) -> "Location":
@@ -99,6 +106,53 @@ class Location:
 
 
 @dataclass(frozen=True)
+class Fix:
+    """A change of the project file that solves a problem, as the app offers it on a button.
+
+    Attributes:
+        title: the change in a few words.
+        changes: path and value of each key; None removes one.
+        options: values for the last of the keys to choose from, in place of the one that it has; empty if it is known.
+
+    >>> Fix.set(("model", "step"), 0.1).title, Fix.remove(("dataset", 2)).title
+    ('Set step = 0.1', 'Remove dataset 2')
+    """
+
+    title: str
+    changes: tuple[tuple[Keys, Any], ...]
+    options: tuple[str, ...] = ()
+
+    @classmethod
+    def set(cls, keys: Keys, value: Any) -> "Fix":
+        """Return the fix that sets a key to a text, a number, a flag or a list of them."""
+        return cls(f"Set {_key_name(keys)} = {_value_text(value)}", ((keys, value),))
+
+    @classmethod
+    def remove(cls, keys: Keys) -> "Fix":
+        """Return the fix that removes a key, a section or an entry of a list."""
+        return cls(f"Remove {_key_name(keys)}", ((keys, None),))
+
+    @classmethod
+    def choose(cls, keys: Keys, options: Iterable[str]) -> "Fix":
+        """Return the fix that sets a key to one of several texts."""
+        return cls(f"Set {_key_name(keys)}", ((keys, ""),), tuple(options))
+
+    @classmethod
+    def rename(cls, keys: Keys, name: str, value: Any) -> "Fix":
+        """Return the fix that gives a key another name, with the value that it has."""
+        return cls(f"Write {name}", (((*keys[:-1], name), value), (keys, None)))
+
+
+def _key_name(keys: Keys) -> str:
+    return " ".join(map(str, keys[-2:] if isinstance(keys[-1], int) else keys[-1:]))
+
+
+def _value_text(value: Any) -> str:
+    text = json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= _MAX_TITLE else f"{text[: _MAX_TITLE - 3]}..."
+
+
+@dataclass(frozen=True)
 class Finding(NotebookDisplay):
     """One problem of an input with its location and remedy, or a remark: something worth knowing.
 
@@ -109,6 +163,7 @@ class Finding(NotebookDisplay):
         excerpt: the text that the location shows; may be empty.
         severity: an `error` refuses the input, a `warning` asks the user to look at something, and a `remark` states
             what was done with the input.
+        fixes: changes of the project file that solve the problem, each of them alone.
 
     >>> print(Finding(Location("torque.kf", 4), "unknown parameter MapOptTorqe", "Did you mean MapOptTorque?"))
     torque.kf line 4: unknown parameter MapOptTorqe. Did you mean MapOptTorque?
@@ -120,6 +175,7 @@ class Finding(NotebookDisplay):
     excerpt: str = ""
     _: KW_ONLY
     severity: Severity = "error"
+    fixes: tuple[Fix, ...] = field(default=(), compare=False, repr=False)
 
     def __str__(self) -> str:
         message = self.message if not self.remedy or self.message.endswith((".", "?", "!")) else self.message + "."
@@ -145,13 +201,15 @@ class Findings(NotebookDisplay):
     def __init__(self, findings: Iterable[Finding] = ()) -> None:
         self._findings = list(findings)
 
-    def error(self, location: Location, message: str, remedy: str = "", excerpt: str = "") -> None:
+    def error(
+        self, location: Location, message: str, remedy: str = "", excerpt: str = "", fixes: Iterable[Fix] = ()
+    ) -> None:
         """Add an error; `excerpt` is the text that the location shows."""
-        self.add(Finding(location, message, remedy, excerpt))
+        self.add(Finding(location, message, remedy, excerpt, fixes=tuple(fixes)))
 
-    def warning(self, location: Location, message: str, remedy: str = "") -> None:
+    def warning(self, location: Location, message: str, remedy: str = "", fixes: Iterable[Fix] = ()) -> None:
         """Add a warning."""
-        self.add(Finding(location, message, remedy, severity="warning"))
+        self.add(Finding(location, message, remedy, severity="warning", fixes=tuple(fixes)))
 
     def remark(self, location: Location, message: str, remedy: str = "") -> None:
         """Add a remark."""
@@ -160,6 +218,12 @@ class Findings(NotebookDisplay):
     def add(self, *findings: Finding) -> None:
         """Add findings that exist already."""
         self._findings += findings
+
+    def offer(self, fix: Fix, begin: int) -> None:
+        """Add a fix to those findings from number `begin` on that have none."""
+        for number in range(begin, len(self._findings)):
+            if not self._findings[number].fixes:
+                self._findings[number] = replace(self._findings[number], fixes=(fix,))
 
     @property
     def has_errors(self) -> bool:
@@ -213,9 +277,11 @@ class InputError(KennfeldError):
         return type(self), (self.findings,)  # for other processes; those of an exception are its text
 
     @classmethod
-    def of(cls, location: Location, message: str, remedy: str = "", excerpt: str = "") -> "InputError":
+    def of(
+        cls, location: Location, message: str, remedy: str = "", excerpt: str = "", fixes: Iterable[Fix] = ()
+    ) -> "InputError":
         """Return an error with a single finding."""
-        return cls([Finding(location, message, remedy, excerpt)])
+        return cls([Finding(location, message, remedy, excerpt, fixes=tuple(fixes))])
 
 
 class ArgumentError(KennfeldError, ValueError):

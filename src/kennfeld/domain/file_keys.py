@@ -1,10 +1,11 @@
 """Declares keys of a project file as fields of dataclasses, with all that reading and writing them needs."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, field
 from typing import Any
 
-KeyProblem = tuple[str, str, str]  # key, message and remedy; the key is empty for the whole section
+# key, message and remedy, and the keys that solve it with their values; the key is empty for the whole section
+KeyProblem = tuple[str, str, str] | tuple[str, str, str, Mapping[str, Any]]
 
 
 def key(

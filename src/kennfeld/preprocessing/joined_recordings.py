@@ -114,7 +114,7 @@ class JoinedRecordings:
             joined,
             name=self.name,
             findings=tuple(self._remarks),
-            use=entry.use,
+            use=entry.scored_as,
             weight=entry.weight,
             weight_channel=entry.weight_channel,
             max_gap=entry.max_gap,

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from kennfeld.base.arrays import Bool, Float, Int
-from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.errors import Finding, Fix, InputError, Location
 from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.file_spans import FileSpans
 from kennfeld.measurement.time_column import unit_remedy
@@ -18,7 +18,8 @@ def clock_findings(dataset: Dataset, location: Location) -> Iterator[Finding]:
     if dataset.clock is not None and dataset.clock.in_milliseconds:
         name = dataset.clock.name
         message = f"the time stamps look like milliseconds: {name} has no unit and is read as s, and its steps are long"
-        yield Finding(location, message, unit_remedy(name), severity="warning")
+        fixes = (Fix(f"{name} is in ms", ((("units", name), "ms"),)),) if location.keys else ()
+        yield Finding(location, message, unit_remedy(name), severity="warning", fixes=fixes)
 
 
 def raster_remedy(step: float) -> str:
@@ -58,11 +59,16 @@ def refine_step(
     count = round(own / step)
     if np.any(np.abs(steps - own) > 1e-3 * own):
         message = f"the model's step is {step:g} s, but the samples are {steps.min():g} to {steps.max():g} s apart"
-        raise InputError.of(location, message, remedy(max(count, 1) * step))
+        raise InputError.of(location, message, remedy(max(count, 1) * step), fixes=_rasters(location, count, step))
     if count < 1 or abs(count * step - own) > 1e-6 * own:
         message = f"the data's step of {own:.6g} s is not a whole multiple of the model's step, {step:g} s"
-        raise InputError.of(location, message, remedy(max(count, 1) * step))
+        raise InputError.of(location, message, remedy(max(count, 1) * step), fixes=_rasters(location, count, step))
     return dataset if count == 1 else _refine(dataset, dataset.time, count, inputs)
+
+
+def _rasters(location: Location, count: int, step: float) -> tuple[Fix, ...]:
+    raster = float(f"{max(count, 1) * step:g}")  # as the remedy says it
+    return (Fix.set((*location.keys, "raster"), raster),) if location.keys else ()
 
 
 def _refine(dataset: Dataset, time: Float, count: int, inputs: Collection[str]) -> Dataset:

@@ -8,7 +8,7 @@ ones; and plateaus are averaged over scored samples only.
 from collections.abc import Callable, Iterator
 from dataclasses import field, replace
 
-from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location
+from kennfeld.base.errors import ArgumentError, Finding, Findings, Fix, InputError, Location
 from kennfeld.base.formatting import nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.dataset import Dataset, Settling
@@ -174,13 +174,20 @@ def _check_shifts(entry: DatasetEntry, channels: DatasetChannels) -> Iterator[Fi
     for name in entry.shift:
         if name not in used:
             remedy = nearest(name, used) or "Name a channel of the files or a calculated one."
-            yield Finding(location, f"channel {name} is not used", remedy)
+            yield Finding(location, f"channel {name} is not used", remedy, fixes=_without(entry, "shift", name))
     for name in entry.unknown_shifts:
         # calculated channels are computed before the shift is estimated, by the channel where it was recorded
         dependent = [other for other, graph in channels.calculated.graphs.items() if name in graph.inputs]
         if dependent:
             message = f'the shift of {name} cannot be "auto" because [calculated] {dependent[0]} reads it'
-            yield Finding(location, message, "Give a number, or shift the channels that the function reads.")
+            remedy = "Give a number, or shift the channels that the function reads."
+            yield Finding(location, message, remedy, fixes=_without(entry, "shift", name))
+
+
+def _without(entry: DatasetEntry, *keys: str) -> tuple[Fix, ...]:
+    """Return the fix that removes a key of a dataset of a project file."""
+    dataset = entry.location.keys
+    return (Fix.remove((*dataset, *keys)),) if dataset else ()
 
 
 def _hold_points(dataset: Dataset, entry: DatasetEntry, model_step: float | None) -> Dataset:
@@ -198,17 +205,21 @@ def _check_time(dataset: Dataset, entry: DatasetEntry, where: Graph | None) -> N
     missing = "requires time stamps, but the data have none"
     if entry.steady:
         remedy = "Name the time channel `time`; remove steady if these are steady-state points."
-        findings.error(entry.location.within("steady"), f"steady {missing}", remedy)
+        fixes = _without(entry, "steady")
+        findings.error(entry.location.within("steady"), f"steady {missing}", remedy, fixes=fixes)
     for key, value in (("warmup", entry.warmup), ("max_gap", entry.max_gap)):
         if value > 0:
             remedy = "Name the time channel `time`, or remove the key."
-            findings.error(entry.location.within(key), f"{key} = {value:g} s {missing}", remedy)
+            fixes = _without(entry, key)
+            findings.error(entry.location.within(key), f"{key} = {value:g} s {missing}", remedy, fixes=fixes)
     for name, shift in entry.known_shifts.items():
         if shift != round(shift):
             message = f"{shift:g} samples of {name}: data without time stamps can only be shifted by whole samples"
-            findings.error(entry.location.within("shift"), message, "Write a whole number.")
+            fixes = (Fix.set((*entry.location.keys, "shift", name), round(shift)),)
+            findings.error(entry.location.within("shift"), message, "Write a whole number.", fixes=fixes)
     if where is not None and where.clocks:
-        findings.error(entry.location.within("where"), f"the condition {missing}")
+        fixes = _without(entry, "where")
+        findings.error(entry.location.within("where"), f"the condition {missing}", fixes=fixes)
     findings.finish()
 
 
@@ -232,12 +243,14 @@ def _mask_unscored(dataset: Dataset, entry: DatasetEntry, where: Graph | None) -
         scored &= holds(where, dataset)
         if not scored.any():
             message = f"{entry.where} is true at no sample"
-            errors.append(Finding(entry.location.within("where"), message, "Check the condition."))
+            place, fixes = entry.location.within("where"), _without(entry, "where")
+            errors.append(Finding(place, message, "Check the condition.", fixes=fixes))
     if entry.warmup > 0 and dataset.time is not None:
         for piece in dataset.pieces:
             time = dataset.time[piece]
             scored[piece] &= time - time[0] > entry.warmup - TIME_TOLERANCE
         if not scored.any():
             message = f"{entry.warmup:g} s is longer than every piece"
-            errors.append(Finding(entry.location.within("warmup"), message, "Reduce it."))
+            place, fixes = entry.location.within("warmup"), _without(entry, "warmup")
+            errors.append(Finding(place, message, "Reduce it.", fixes=fixes))
     return dataset if scored.all() else replace(dataset, scored=scored), errors

@@ -150,7 +150,7 @@ class PreparedFile:
         """Return the same with the name, the use and the weight of its dataset, which an entry on disk may not have."""
         if self.dataset is None:
             return self
-        return replace(self, dataset=replace(self.dataset, name=entry.name, use=entry.use, weight=entry.weight))
+        return replace(self, dataset=replace(self.dataset, name=entry.name, use=entry.scored_as, weight=entry.weight))
 
     def excerpt(self, most: int, *, neighbouring: bool = False) -> Dataset | None:
         """Return at most about `most` samples: the first ones of a recording, else spread over all points.

@@ -1,6 +1,6 @@
 """Settings of datasets: their files, and how they are prepared."""
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Literal, Protocol
 
@@ -52,7 +52,9 @@ class DatasetEntry:
         holds="CAN database",
     )
     name: str = key("name of the dataset in messages and results", "", default_text="the file's stem")
-    use: Use = key('`"test"`: scored, never fitted', "training")
+    use: Literal["training", "test", "off"] = key(
+        '`"test"`: scored, never fitted; `"off"`: not read, as if it were not there', "training"
+    )
     weight: float = key("factor on the squared errors; 0 switches off", 1.0, least=0)
     raster: float | None = key(
         "resamples recordings to a uniform raster; required for MDF channels with different rasters",
@@ -115,6 +117,11 @@ class DatasetEntry:
     )
 
     @property
+    def scored_as(self) -> Use:
+        """The use of what is read: an entry that is off is none of a project."""
+        return "test" if self.use == "test" else "training"
+
+    @property
     def is_fitted(self) -> bool:
         """True if values are fitted to it: training data with a weight above 0."""
         return self.use == "training" and self.weight > 0
@@ -163,6 +170,11 @@ class DatasetEntry:
         if self.unknown_shifts:
             message = 'shift = "auto" contradicts steady: averaged points have no time'
             yield "shift", message, f"Write {self.unknown_shifts[0]} = ... in s."
+
+
+def used_entries(entries: Iterable[DatasetEntry]) -> tuple[DatasetEntry, ...]:
+    """Return the entries that are not off."""
+    return tuple(entry for entry in entries if entry.use != "off")
 
 
 class DataSettings(Protocol):

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.errors import Finding, Fix, InputError, Keys, Location
 from kennfeld.base.file_errors import nearest_file
-from kennfeld.base.formatting import join_names, nearest, quoted
+from kennfeld.base.formatting import join_names, most_similar, nearest, quoted
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.output_paths import within
 from kennfeld.base.threads import map_in_order
@@ -30,6 +30,7 @@ from kennfeld.preprocessing.recipe import DatabaseEntry, DatasetEntry, DataSetti
 from kennfeld.preprocessing.units import Units, select_time_units
 
 ReadingWatch = Callable[[int, int], None]
+INPUT = "the input "  # begins the purpose of a channel that an input of the function reads
 
 RECORDING = "recording"  # the channel of the number of the file, among all files of a project, if files have none
 CACHE = Path(".kennfeld") / "cache"  # in the folder of the project file; contents of files that are slow to read
@@ -138,9 +139,25 @@ class RecordingReader:
             matches = find_recordings(self.settings.folder, pattern)
             if not matches:
                 remedy = _similar_file(self.settings.folder, pattern)
-                self.findings.append(Finding(self.entry.location.within("files"), f"{pattern} matches no file", remedy))
+                place, fixes = self.entry.location.within("files"), self._other_files(pattern)
+                self.findings.append(Finding(place, f"{pattern} matches no file", remedy, fixes=fixes))
             files |= dict.fromkeys(matches)
         return list(files)
+
+    def _other_files(self, pattern: str) -> tuple[Fix, ...]:
+        """Return the fixes of a pattern that matches no file: similar files in its place, or the dataset without it."""
+        dataset, files = self.entry.location.keys, self.entry.files
+        if not dataset:
+            return ()
+        rest = [each for each in files if each != pattern]
+        others = _alike(self.settings.folder, pattern, files)
+        read = (
+            Fix(f"Read {other}", (((*dataset, "files"), [other if each == pattern else each for each in files]),))
+            for other in others[:2]
+        )
+        if not rest:
+            return (*read, Fix.remove(dataset))
+        return (*read, Fix(f"Read without {pattern}", (((*dataset, "files"), rest),)))
 
     def read(self, paths: Sequence[str], units: Units) -> Iterator[Dataset]:
         """Yield the recordings that can be read, in the units of the function or of the first file that has one.
@@ -243,20 +260,31 @@ class RecordingReader:
         for channel, files in self._missing.items():
             purpose = self.channels.required.get(channel) or self._calculated_purpose(channel)
             message = f"has no channel {channel}, {purpose}"
-            self.findings.append(Finding(Location(join_names(files, 1)), message, self._remedy(channel, purpose)))
+            fixes = self._other_channels(channel, purpose)
+            remedy = self._remedy(channel, purpose)
+            self.findings.append(Finding(Location(join_names(files, 1)), message, remedy, fixes=fixes))
 
     def _remedy(self, channel: str, purpose: str) -> str:
         if channel == RECORDING:  # of a part of the data, which does not know the others
             return "Data in partitions are not numbered: record the number in a channel, or write partition = 0."
         remedy = nearest(channel, self._candidates) or f"It has {join_names(self._candidates)}."
         # an input that no file has and nobody mapped may be meant as a parameter
-        if purpose.startswith("the input ") and channel not in self.settings.channels.values():
+        if purpose.startswith(INPUT) and channel not in self.settings.channels.values():
             key = quoted(channel)
             scalar = f"or define a scalar: [parameters.{key}] initial = 1.0."
             constant = f'or set it to a number: [calculated] {key} = "1.0".'
             alternative = scalar if self.channels.names_are_open else constant
             return f'{remedy} Name its channel in [channels]: {key} = "..."; {alternative}'
         return remedy
+
+    def _other_channels(self, channel: str, purpose: str) -> tuple[Fix, ...]:
+        """Return the fix by which an input is read from another channel of the files that lack one."""
+        if not purpose.startswith(INPUT) or not self._candidates:
+            return ()
+        # its name, as the project may map it to the channel that is missing
+        name = next((own for own, mapped in self.settings.channels.items() if mapped == channel), channel)
+        keys: Keys = ("channels", name)
+        return (Fix(f"Read {name} from", ((keys, ""),), tuple(sorted(self._candidates))),)
 
     def _calculated_purpose(self, channel: str) -> str:
         readers = (name for name, graph in self.channels.calculated.graphs.items() if channel in graph.inputs)
@@ -321,6 +349,18 @@ def _glob(folder: Path, pattern: str) -> list[Path]:
         return list(folder.glob(pattern))
     except (ValueError, NotImplementedError, OSError, IndexError):  # raised by pathlib for invalid patterns
         return []
+
+
+def _alike(folder: Path, pattern: str, known: Sequence[str]) -> list[str]:
+    """Return the files beside those of a pattern that have its ending, the most similar first."""
+    path = Path(pattern.partition("#")[0])
+    if "://" in pattern or not (folder / path).parent.is_dir():
+        return []
+    names = [other.name for other in (folder / path).parent.iterdir() if other.is_file()]
+    alike = sorted(name for name in names if Path(name).suffix.casefold() == path.suffix.casefold())
+    first = most_similar(path.name, alike)
+    found = ((path.parent / name).as_posix() for name in sorted(alike, key=lambda name: name != first))
+    return [other for other in found if other not in known]
 
 
 def _similar_file(folder: Path, pattern: str) -> str:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from kennfeld.base.arrays import Float
-from kennfeld.base.errors import Finding, Location
+from kennfeld.base.errors import Finding, Fix, Location
 from kennfeld.base.formatting import join_names, nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.dataset import Channel, Dataset
@@ -339,11 +339,13 @@ def check_stated_units(
         if name in clocks:
             if in_seconds(unit) is None and name not in used:
                 message = f"{unit} is not a unit of time, but {name} is the time column"
-                yield Finding(file.location("units", name), message, "Write s, ms, us, ns, min or h.")
+                fixes = (Fix.choose(("units", name), ("s", "ms", "us", "ns", "min", "h")),)
+                yield Finding(file.location("units", name), message, "Write s, ms, us, ns, min or h.", fixes=fixes)
             continue
         # it may be the time column of a file that could not be read
         if not complete and time_unit(name, unit) is not None:
             continue
         if name not in used:
             remedy = nearest(name, {*used, *clocks}) or "Name a channel of the files or a calculated one."
-            yield Finding(file.location("units", name), f"channel {name} is not used", remedy)
+            fixes = (Fix.remove(("units", name)),)
+            yield Finding(file.location("units", name), f"channel {name} is not used", remedy, fixes=fixes)

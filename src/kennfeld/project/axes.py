@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from kennfeld.base.arrays import Float
-from kennfeld.base.errors import ArgumentError, Finding, Findings, Location
+from kennfeld.base.errors import ArgumentError, Finding, Findings, Fix, Location
 from kennfeld.base.formatting import join_names, nearest
 from kennfeld.domain.breakpoint_rounding import rounded, separated
 from kennfeld.domain.dataset import Dataset
@@ -18,7 +18,7 @@ from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.problem.validation import check_shared_axes
 from kennfeld.preprocessing.recordings import RECORDING
 from kennfeld.project.data_column import DataColumn
-from kennfeld.project.model import ProjectModel
+from kennfeld.project.model import ProjectModel, choices
 from kennfeld.project.recording_parameters import recording_numbers
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.table_schema import GroupAxisEntry, ParameterEntry
@@ -111,8 +111,10 @@ class Axes:
                 )
             return self._groups[name]
         if name not in self._initial:
-            remedy = nearest(name, [*self._file.axes, *self._initial]) or f"Write a section [axes.{name}]."
-            self._findings.error(entry.location, f"unknown group axis {name}", remedy)
+            known = [*self._file.axes, *self._initial]
+            remedy = nearest(name, known) or f"Write a section [axes.{name}]."
+            fixes = choices((*entry.location.keys, "axis"), known)
+            self._findings.error(entry.location, f"unknown group axis {name}", remedy, fixes=fixes)
         return self._initial.get(name)
 
     def recordings(self, entry: ParameterEntry) -> Axis | None:
@@ -124,7 +126,8 @@ class Axes:
             return Axis(numbers, input=RECORDING)
         if numbers.size:  # else the function does not use it, or the data are incomplete, which is reported
             message = f"there is one recording, so that {entry.name} has one value"
-            self._findings.error(entry.location.within("per"), message, "Remove per, or add recordings.")
+            fixes = [Fix.remove((*entry.location.keys, "per"))]
+            self._findings.error(entry.location.within("per"), message, "Remove per, or add recordings.", fixes=fixes)
         return None
 
     @property
@@ -211,7 +214,8 @@ class Axes:
             return None
         graph, training = self._function.graph, self._training
         if not quantity:
-            self._findings.error(entry.location, "quantiles require an input", 'Write input = "...".')
+            fixes = choices((*entry.location.keys, "input"), [*graph.inputs, *graph.names])
+            self._findings.error(entry.location, "quantiles require an input", 'Write input = "...".', fixes=fixes)
             return None
         # only inputs have channels of other names; anything else is named as in the data
         channel = self._file.channels.get(quantity, quantity) if quantity in graph.inputs else quantity
@@ -221,7 +225,9 @@ class Axes:
             return self._node(entry, quantity, graph, training)
         if training and quantity not in graph.inputs:
             remedy = nearest(quantity, [*graph.inputs, *graph.names, *(n for data in training for n in data)])
-            self._findings.error(entry.location, f"unknown input, node or channel {quantity}", remedy)
+            fixes = choices((*entry.location.keys, "input"), [*graph.inputs, *graph.names])
+            message = f"unknown input, node or channel {quantity}"
+            self._findings.error(entry.location, message, remedy, fixes=fixes)
         return None
 
     def _node(self, entry: GroupAxisEntry, name: str, graph: Graph, training: Sequence[Dataset]) -> DataColumn | None:

@@ -4,15 +4,15 @@ The step check runs the model with half its step, as a fixed-step solver may rep
 """
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from kennfeld.base.arrays import Float
-from kennfeld.base.errors import Finding, Findings, InputError, Location
+from kennfeld.base.errors import Finding, Findings, Fix, InputError, Keys, Location
 from kennfeld.base.formatting import join_names, quoted, toml_text
 from kennfeld.calfiles import unwritable
 from kennfeld.domain.constraints import Shape
@@ -68,7 +68,7 @@ _WORD = re.compile(r"[^\W\d][\w.]*\Z")  # a name that is valid in every format
 _OF_SETS = (*IMAGE_ENDINGS, ".msq", ".par", ".esdl", ".axl", ".amd")  # formats that update an existing file
 AXIS_TOLERANCE = 1e-9  # of the width of an axis, for rounding in unit conversions
 
-_Warning = tuple[Location, str, str]
+_Warning = tuple[Location, str, str] | tuple[Location, str, str, list[Fix]]
 
 
 def weight_channels(file: ProjectFile) -> dict[str, str]:
@@ -103,7 +103,9 @@ def check_settling(graph: Graph, loaded: LoadedData) -> list[Finding]:
         location = loaded.locations[data.name]
         if not is_settled(data, graph):
             message = "settle has no effect: the function has no states"
-            findings.append(Finding(location.within("settle"), message, "Remove settle.", severity="warning"))
+            fixes = (Fix.remove((*location.keys, "settle")),)
+            place = location.within("settle")
+            findings.append(Finding(place, message, "Remove settle.", severity="warning", fixes=fixes))
         elif data.settling.step is None:
             message = "settle requires a time step, but neither the dataset nor the model defines one"
             findings.append(Finding(location.within("step"), message, "Write step = ... in s, here or in [model]."))
@@ -185,7 +187,8 @@ def check_step(file: ProjectFile, problem: Problem) -> Iterator[Finding]:
         effect = f"{first.node} by {first.share:.0%} of its standard deviation"
     message = f"step = {step:g} s is too long for the fixed-step solver: halving it changes {effect}"
     remedy = f"Write step = {step / parts:g} under [model]." if parts else "Try a much shorter step under [model]."
-    yield Finding(file.location("model", "step"), message, remedy, severity="warning")
+    fixes = (Fix.set(("model", "step"), float(f"{step / parts:g}")),) if parts else ()
+    yield Finding(file.location("model", "step"), message, remedy, severity="warning", fixes=fixes)
 
 
 class _StepTrial:
@@ -293,13 +296,13 @@ def find_warnings(file: ProjectFile, problem: Problem, locations: Mapping[str, L
         *_unread_class(file),
         *_unwritten_simulation(file, problem),
     ]
-    warnings = [Finding(*problem, severity="warning") for problem in problems]
+    warnings = [_warning(*problem) for problem in problems]
     warnings += [*_clocks(file, problem, locations), *_restarts(problem, locations)]
     warnings += seen_test_data(file, problem, locations)
     # partitions are represented by excerpts here, in which repeated points say nothing
     if problem.partitions is None:
         warnings += repeat_findings(problem, lambda data: locations[data.name])
-    beyond = (Finding(*entry, severity="warning") for entry in _beyond(file, problem))
+    beyond = (_warning(*entry) for entry in _beyond(file, problem))
     # checks that evaluate the function, lazily: code of other files may be refused
     evaluating = {
         "limits in the wrong order": find_crossed(problem, problem.parameters),
@@ -311,6 +314,10 @@ def find_warnings(file: ProjectFile, problem: Problem, locations: Mapping[str, L
     }
     checked = (_unless_refused(findings, subject, file) for subject, findings in evaluating.items())
     return [*warnings, *(finding for findings in checked for finding in findings)]
+
+
+def _warning(location: Location, message: str, remedy: str, fixes: Sequence[Fix] = ()) -> Finding:
+    return Finding(location, message, remedy, severity="warning", fixes=tuple(fixes))
 
 
 def _unless_refused(findings: Iterable[Finding], subject: str, file: ProjectFile) -> list[Finding]:
@@ -354,7 +361,9 @@ def _units(file: ProjectFile, problem: Problem, locations: Mapping[str, Location
         if conflict.contrary:
             stated = f"[units] {quoted(conflict.channel)} = {toml_text(conflict.unit)}"
             remedy = f"Name another channel, or state its unit: {stated}."
-        yield locations[conflict.dataset.name], conflict.message, remedy
+        keys = ("units", conflict.channel)
+        fixes = [Fix(f"{conflict.channel} is in {conflict.unit}", ((keys, conflict.unit),))]
+        yield locations[conflict.dataset.name], conflict.message, remedy, fixes
     for name, at, message, remedy in axis_unit_conflicts(graph, problem.parameters, problem.datasets, problem.channels):
         yield file.location("parameters", name, DIRECTIONS[at]), message, remedy
 
@@ -431,7 +440,25 @@ def _beyond(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
                 f"{outside / total:.0%} of the training samples are outside the axis, {points[0]:g} to {points[-1]:g}; "
                 f"the data range from {low:g} to {high:g}"
             )
-            yield file.location("parameters", name, DIRECTIONS[i]), message, "Extend the axis."
+            fixes = _extended(file, name, i, (tally[name, i][2], tally[name, i][3]))
+            yield file.location("parameters", name, DIRECTIONS[i]), message, "Extend the axis.", fixes
+
+
+def _extended(file: ProjectFile, name: str, direction: int, reach: tuple[float, float]) -> list[Fix]:
+    """Return the fix that moves the ends of an axis of the project file to those of the data."""
+    entry = file.parameters.get(name)
+    axis = None if entry is None else entry.axes.get(DIRECTIONS[direction])
+    if axis is None or axis.group or len(points := axis.points) < 2:
+        return []
+    low, high = min(reach[0], float(points[0])), max(reach[1], float(points[-1]))
+    moved = [float(f"{low:.4g}") if low < points[0] else low, *map(float, points[1:-1]), high]
+    moved[-1] = float(f"{high:.4g}") if high > points[-1] else high
+    keys: Keys = ("parameters", name, DIRECTIONS[direction])
+    if axis.breakpoints and isinstance(axis.breakpoints, tuple):
+        changes: tuple[tuple[Keys, Any], ...] = (((*keys, "breakpoints"), moved),)
+    else:
+        changes = (((*keys, "begin"), moved[0]), ((*keys, "end"), moved[-1]))
+    return [Fix(f"Extend it to {moved[0]:g} … {moved[-1]:g}", changes)]
 
 
 def _count(tally: list[float], x: Float, table: Parameter, axis: int) -> None:
@@ -454,7 +481,9 @@ def _idle(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
             yield entry.location, f"no free parameter affects {entry.node}", "Is it the right node?"
     for name in problem.unscored_names:
         kept = " and keeps its initial value" if _keeps_start(problem, name) else ""
-        yield file.location("calibration", "free"), f"{name} affects no criterion with a weight{kept}", ""
+        message = f"{name} affects no criterion with a weight{kept}"
+        fixes = [Fix(f"Fix {name}", ((("parameters", name, "free"), False),))]
+        yield file.location("calibration", "free"), message, "", fixes
 
 
 def _keeps_start(problem: Problem, name: str) -> bool:

@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from kennfeld.base.dask_runner import ClusterAddress, scheduler_address
-from kennfeld.base.errors import InputError, Location
+from kennfeld.base.errors import InputError
 from kennfeld.base.file_state import while_unchanged
 from kennfeld.base.output_paths import is_below
 from kennfeld.models.code_consent import ConsentRequest, address_request, code_request
@@ -93,12 +93,8 @@ def _folders(file: ProjectFile) -> Iterator[ConsentRequest]:
 
 
 def _stores(file: ProjectFile) -> Iterator[ConsentRequest]:
-    for number, entry in enumerate(file.datasets, 1):
+    for entry in file.datasets:
         for pattern in (*entry.files, *entry.database_files):
             store = store_of(pattern) if is_remote(pattern) else ""
             if store:
-                yield address_request("store", store, _place(file, number))
-
-
-def _place(file: ProjectFile, number: int) -> Location:
-    return file.location("dataset", number, "files")
+                yield address_request("store", store, entry.location.within("files"))

@@ -1,11 +1,12 @@
 """Builds the criteria and constraints of a project: pins, shapes of tables, equalities, and output limits."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
-from kennfeld.base.errors import Finding, Findings, Location
+from kennfeld.base.errors import Finding, Findings, Fix, Location
 from kennfeld.base.formatting import count_noun, nearest, toml_text
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.constraints import Equality, Limit, Pin, Shape, Term
@@ -64,7 +65,8 @@ class _ConstraintBuilder:
                 if not self._fits(location, pin.at, table):
                     continue
                 if name not in self.tables.free and self._is_used(name):
-                    self.findings.error(location, f"{name} is not free", "Free it, or remove the pin.")
+                    fixes = [_free(name), Fix.remove(("parameters", name, "pin", number))]
+                    self.findings.error(location, f"{name} is not free", "Free it, or remove the pin.", fixes=fixes)
                 if name in self.tables.free:
                     yield Pin(name, pin.at, pin.value)
 
@@ -99,8 +101,10 @@ class _ConstraintBuilder:
                     continue
                 if fault is not None:
                     message, remedy, is_error = fault
+                    number = [int(place.split()[1])] if " " in place else []
+                    fixes = [Fix.remove(("parameters", entry.name, key, *number, direction))]
                     report = self.findings.error if is_error else self.findings.warning
-                    report(entry.location.within(f"{place} {direction}"), message, remedy)
+                    report(entry.location.within(f"{place} {direction}"), message, remedy, fixes=fixes)
                 else:
                     yield Shape(entry.name, DIRECTIONS.index(direction), kind, lower=lower, upper=upper, where=where)
 
@@ -127,15 +131,23 @@ class _ConstraintBuilder:
                 location = entry.location.within(f"term {number}")
                 if term.parameter not in self.tables.parameters:
                     remedy = nearest(term.parameter, self.tables.parameters)
-                    self.findings.error(location, f"unknown parameter {term.parameter}", remedy)
+                    keys = (*entry.location.keys, "terms", number, "parameter")
+                    fixes = [Fix.choose(keys, self.tables.free), Fix.remove(entry.location.keys)]
+                    self.findings.error(location, f"unknown parameter {term.parameter}", remedy, fixes=fixes)
                     is_valid = False
                 elif term.parameter not in self.tables.free:
-                    self.findings.error(location, f"{term.parameter} is not free", "Free it, or remove the equality.")
+                    fixes = [_free(term.parameter), Fix.remove(entry.location.keys)]
+                    remedy = "Free it, or remove the equality."
+                    self.findings.error(location, f"{term.parameter} is not free", remedy, fixes=fixes)
                     is_valid = False
                 elif term.at is not None and not self._fits(location, term.at, self.tables.parameters[term.parameter]):
                     is_valid = False
             if is_valid:
                 yield Equality([Term(term.parameter, term.at, term.factor) for term in entry.terms], entry.value)
+
+
+def _free(name: str) -> Fix:
+    return Fix(f"Free {name}", ((("parameters", name, "free"), True),))
 
 
 def _shape_limits(key: str, limits: Limits) -> Iterator[tuple[str, str, tuple[float, float], Range]]:
@@ -166,11 +178,15 @@ def build_criteria(
         key = (entry.node, str(target))
         if key in first:
             message = f"duplicate criterion: {entry.node} and {target} are already compared in {first[key]}"
-            findings.error(entry.location, message, "Remove one, or add their weights.")
+            fixes = [Fix.remove(entry.location.keys)]
+            findings.error(entry.location, message, "Remove one, or add their weights.", fixes=fixes)
         first.setdefault(key, entry.location)
         criteria.append(criterion)
     if file.criteria and all(entry.weight == 0 for entry in file.criteria):
-        findings.error(file.location("criterion"), "all weights are 0", "Set at least one weight > 0.")
+        fixes = [Fix.remove((*entry.location.keys, "weight")) for entry in file.criteria[:1]]
+        weightless = [replace(fix, title=f"Weight {file.criteria[0].node} by 1") for fix in fixes]
+        remedy = "Set at least one weight > 0."
+        findings.error(file.location("criterion"), "all weights are 0", remedy, fixes=weightless)
     return tuple(criteria)
 
 
@@ -190,7 +206,9 @@ def _target(
         message = f"{target.name} is both a channel and a node; the channel is used"
         text = toml_text(target.name)
         remedy = f"Write {{ channel = {text} }} or {{ node = {text} }}."
-        findings.warning(entry.location.within("target"), message, remedy)
+        keys = (*entry.location.keys, "target")
+        fixes = [Fix(f"Take the {kind}", ((keys, {kind: target.name}),)) for kind in ("channel", "node")]
+        findings.warning(entry.location.within("target"), message, remedy, fixes)
     if having:
         findings.add(*_partly(entry, file.criteria, loaded.datasets))
     # names of files that could not be read are not known
@@ -200,7 +218,10 @@ def _target(
         kinds = "channel or node" if target.kind == "name" else "channel"
         message = f"unknown {kinds} {target.name}"
         remedy = nearest(target.name, candidates) or f"The data have {', '.join(list(names)[:8])}."
-        findings.error(entry.location.within("target"), message, remedy)
+        fixes = [Fix.choose((*entry.location.keys, "target", "channel"), sorted(names))]
+        if target.kind == "name":
+            fixes = [Fix.choose((*entry.location.keys, "target"), sorted(names))]
+        findings.error(entry.location.within("target"), message, remedy, fixes=fixes)
         return None
     return Target("channel", target.name)
 

@@ -7,12 +7,14 @@ the field names one.
 import re
 import types
 from collections.abc import Iterable, Mapping
+from contextlib import nullcontext
 from dataclasses import MISSING, Field, fields, is_dataclass
 from functools import cache
 from typing import Any, Literal, Union, get_args, get_origin
 
 import numpy as np
 
+from kennfeld.base.errors import Fix
 from kennfeld.base.formatting import nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.project.section import Section, as_finite, list_words, show
@@ -106,7 +108,7 @@ class NumberForm(Form):
         if isinstance(value, str) and self.words and self._range:
             section.report(key, f"must be a number{self._range} or {list_words(self.words)}, got {value!r}")
         elif number is None:
-            section.report(key, f"must be a number, got {show(value)}")
+            section.report(key, f"must be a number, got {show(value)}", fixes=_as_number(section, key, value))
         elif (self.least is not None and number < self.least) or (self.above is not None and number <= self.above):
             section.report(key, f"must be{self._range}, got {number:g}")
         else:
@@ -117,6 +119,15 @@ class NumberForm(Form):
         limits = {"minimum": self.least, "exclusiveMinimum": self.above}
         schema = {"type": "number", **{name: limit for name, limit in limits.items() if limit is not None}}
         return {"anyOf": [schema, {"enum": list(self.words)}]} if self.words else schema
+
+
+def _as_number(section: Section, key: str, value: Any) -> list[Fix]:
+    """Return the fix for a number that is written as a text, such as "0.1" or "0,1"."""
+    try:
+        number = as_finite(float(value.replace(",", "."))) if isinstance(value, str) else None
+    except ValueError:
+        return []
+    return [] if number is None else [Fix.set((*section.keys, key), number)]
 
 
 @dataclass(frozen=True)
@@ -156,7 +167,10 @@ class FlagForm(Form):
         value = section.values[key]
         if isinstance(value, bool):
             return value
-        section.report(key, f"must be true or false, got {show(value)}", "Write it without quotes.")
+        words = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
+        meant = words.get(value.lower()) if isinstance(value, str) else None
+        fixes = [] if meant is None else [Fix.set((*section.keys, key), meant)]
+        section.report(key, f"must be true or false, got {show(value)}", "Write it without quotes.", fixes)
         return None
 
     def json_schema(self) -> dict[str, Any]:
@@ -178,10 +192,11 @@ class ChoiceForm(Form):
         if value is None or value in self.words:
             return value
         if not value:
-            section.report(key, "must not be empty", "Fill it in, or remove the key.")
+            fixes = [Fix.choose((*section.keys, key), self.words)]
+            section.report(key, "must not be empty", "Fill it in, or remove the key.", fixes)
             return None
         remedy = nearest(value, self.words) or f"Write {list_words(self.words)}."
-        section.report(key, f"unknown value {value!r}", remedy)
+        section.report(key, f"unknown value {value!r}", remedy, [Fix.choose((*section.keys, key), self.words)])
         return None
 
     def json_schema(self) -> dict[str, Any]:
@@ -254,7 +269,10 @@ class TableOfForm(Form):
         if table is None:
             return None
         known = self.names or tuple(table.values)
-        values = {name: self.values.read(table, name) for name in known if name in table.values}
+        values = {}
+        for name in (each for each in known if each in table.values):
+            with table.removable(name):
+                values[name] = self.values.read(table, name)
         table.report_unknown(known)
         return {name: value for name, value in values.items() if value not in (None, "")}
 
@@ -381,10 +399,14 @@ class EntriesForm(Form):
         if not isinstance(tables, list) or is_empty or not all(isinstance(item, dict) for item in tables):
             self._refuse(section, key)
             return None
-        return tuple(
-            read_entry(self.entry, section.inner(table, self._path(section, key, number, tables), key, number))
-            for number, table in enumerate(tables, 1)
-        )
+        entries = []
+        for number, table in enumerate(tables, 1):
+            keys = (key, number) if isinstance(value, list) else (key,)
+            with section.removable(*keys):
+                entries.append(
+                    read_entry(self.entry, section.inner(table, self._path(section, key, number, tables), *keys))
+                )
+        return tuple(entries)
 
     def _refuse(self, section: Section, key: str) -> None:
         value = section.values[key]
@@ -423,9 +445,11 @@ class NamedEntriesForm(Form):
         for name, value in table.values.items():
             if isinstance(value, dict):
                 inner = section.inner(value, f"[{key}.{name}]", key, name)
-                entries[name] = read_entry(self.entry, inner, name=name)
+                with table.removable(name):
+                    entries[name] = read_entry(self.entry, inner, name=name)
             else:
-                table.report(name, f"must be a section, got {show(value)}", f"Write a section [{key}.{name}].")
+                with table.removable(name):
+                    table.report(name, f"must be a section, got {show(value)}", f"Write a section [{key}.{name}].")
         return entries
 
     def write(self, value: Mapping[str, Any]) -> dict[str, Any]:
@@ -487,7 +511,8 @@ def read_entry(entry: type, section: Section, **further: Any) -> Any:
     for key, part in known.items():
         form, value = form_of(part), None
         if key in section.values:
-            value = form.read(section, key)
+            with nullcontext() if is_required(part) else section.removable(key):
+                value = form.read(section, key)
         elif "missing" in part.metadata:
             _report_missing(section, key, form, part.metadata["missing"])
         if value is not None:
@@ -499,8 +524,11 @@ def read_entry(entry: type, section: Section, **further: Any) -> Any:
     plain = [part.name for part in fields(entry) if "meaning" not in part.metadata]
     result = entry(**values, **{name: others[name] for name in plain if name in others})
     # by the keys that are present: a default contradicts nothing
-    for key, message, remedy in result.problems(section.values) if hasattr(result, "problems") else ():
-        section.report(key, message, remedy)
+    for key, message, remedy, *settled in result.problems(section.values) if hasattr(result, "problems") else ():
+        changes = [((*section.keys, name), value) for keys in settled for name, value in keys.items()]
+        fixes = [Fix(" and ".join(Fix.set(*each).title for each in changes), tuple(changes))] if changes else []
+        with section.removable(key) if key in section.values else nullcontext():
+            section.report(key, message, remedy, fixes)
     return result
 
 

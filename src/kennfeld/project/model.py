@@ -1,12 +1,12 @@
 """Reads the model of a project and its surrogates, and adds the expressions of criteria as nodes."""
 
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kennfeld.base.errors import Finding, Findings, InputError, Location
+from kennfeld.base.errors import Finding, Findings, Fix, InputError, Keys, Location
 from kennfeld.base.formatting import count_noun, nearest, quoted, toml_text
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
@@ -47,7 +47,8 @@ def read_surrogates(file: ProjectFile, findings: Findings) -> "tuple[Surrogate, 
         target = file.folder / path
         if not target.is_file():
             remedy = nearest(target.name, file.siblings(target)) or "Train it with `kennfeld surrogate train`."
-            findings.error(file.location("surrogates", name), f"file {path} does not exist", remedy)
+            fixes = choices(("surrogates", name), file.alike(path), removable=True)
+            findings.error(file.location("surrogates", name), f"file {path} does not exist", remedy, fixes=fixes)
             continue
         try:
             surrogates.append(replace(read_surrogate(target), name=name))
@@ -89,8 +90,16 @@ def _exists(file: ProjectFile, reference: str, location: Location, findings: Fin
     if path.is_file():
         return True
     message = f"{path.name} is a folder" if path.is_dir() else f"file {reference} does not exist"
-    findings.error(location, message, nearest(path.name, file.siblings(path)) or "Check the path.")
+    others = [] if "#" in reference or ":" in Path(reference).name else file.alike(reference)
+    fixes = choices(location.keys, others, removable=True)
+    findings.error(location, message, nearest(path.name, file.siblings(path)) or "Check the path.", fixes=fixes)
     return False
+
+
+def choices(keys: Keys, options: Sequence[str], *, removable: bool = False) -> list[Fix]:
+    """Return the fixes of a key that names something missing: the only alternative, or a choice; and its removal."""
+    known = [Fix.set(keys, options[0])] if len(options) == 1 else [Fix.choose(keys, options)] if options else []
+    return [*known, Fix.remove(keys)] if removable else known
 
 
 @dataclass(frozen=True)
@@ -199,7 +208,8 @@ def _is_readable(file: ProjectFile, findings: Findings) -> bool:
     stated = named_format(ending)
     if not path.is_file() and name not in file.unsaved:
         message = f"{name} is a folder" if path.is_dir() else f"file {name} does not exist"
-        findings.error(location, message, nearest(path.name, file.siblings(path)) or "Check the path.")
+        fixes = choices(("model", "file"), _functions_beside(file, path))
+        findings.error(location, message, nearest(path.name, file.siblings(path)) or "Check the path.", fixes=fixes)
     elif stated is not None and stated.remedy:
         findings.error(location, f"{name} is {stated.phrase}", stated.remedy)
     elif ending != ".kf" and importer_of(path.name) is None:
@@ -207,6 +217,13 @@ def _is_readable(file: ProjectFile, findings: Findings) -> bool:
     else:
         return True
     return False
+
+
+def _functions_beside(file: ProjectFile, path: Path) -> list[str]:
+    """Return the files beside a missing one that can be the function."""
+    names = (name for name in file.siblings(path) if name.casefold().endswith(".kf") or importer_of(name) is not None)
+    folder = path.parent.relative_to(file.folder) if path.is_relative_to(file.folder) else path.parent
+    return sorted((folder / name).as_posix() for name in names)
 
 
 def _kinds_remedy() -> str:

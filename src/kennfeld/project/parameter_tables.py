@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from kennfeld.base.arrays import Bool, Float
-from kennfeld.base.errors import ArgumentError, Findings
-from kennfeld.base.formatting import nearest
+from kennfeld.base.errors import ArgumentError, Findings, Fix, Keys
+from kennfeld.base.formatting import most_similar, nearest
 from kennfeld.base.frozen_dict import FrozenDict
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.domain.file_keys import KeyProblem
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Axis, Parameter, parameter
 from kennfeld.domain.rbf import RBF
@@ -29,6 +28,7 @@ from kennfeld.project.table_schema import AxisEntry, Factor, ParameterEntry
 from kennfeld.project.value_forms import DIRECTIONS, Around
 
 Report = Callable[[str, str, str], None]  # key, message, remedy
+COUNT = 8  # breakpoints that a fix proposes
 
 
 def apply_rbf_settings(old: RBF, entry: ParameterEntry, report: Report) -> Parameter | None:
@@ -46,7 +46,7 @@ def apply_rbf_settings(old: RBF, entry: ParameterEntry, report: Report) -> Param
     return expansion.changed(locked=np.full(old.values.shape, entry.lock is True))
 
 
-def _rbf_problems(old: RBF, entry: ParameterEntry) -> Iterator[KeyProblem]:
+def _rbf_problems(old: RBF, entry: ParameterEntry) -> Iterator[tuple[str, str, str]]:
     """Yield the settings that an expansion cannot have."""
     message = f"not supported for {entry.name}, an RBF expansion"
     if entry.initial is not None:
@@ -151,25 +151,38 @@ class _TableBuilder:
             table = parameter(entry.name, values, axes, **self._inherit(values) | attributes)
         return table.changed(locked=self._lock(table) | self._unfitted(table))
 
-    def _report(self, key: str, message: str, remedy: str = "", *, warning: bool = False) -> None:
+    def _report(
+        self, key: str, message: str, remedy: str = "", fixes: Sequence[Fix] = (), *, warning: bool = False
+    ) -> None:
         report = self.findings.warning if warning else self.findings.error
-        report(self.entry.location.within(key), message, remedy)
+        report(self.entry.location.within(key), message, remedy, fixes=fixes)
 
-    def _missing_values(self) -> tuple[str, str, str]:
-        """Return key, message and remedy for missing values."""
+    @property
+    def _keys(self) -> Keys:
+        return ("parameters", self.entry.name)
+
+    def _missing_values(self) -> tuple[str, str, str, list[Fix]]:
+        """Return key, message, remedy and fixes for missing values."""
         name, has_values = self.entry.name, self.function is not None and bool(self.function.model.values)
         if not has_values or self.function is None or name in self.function.graph.parameters:
             message = "no values: the key is missing and no initial file has the parameter"
-            return "initial", message, self._initial_advice()
+            return "initial", message, self._initial_advice(), [self._initial_fix()]
+        removal = Fix.remove(self._keys)
         if ":" in name:
-            return "", "this field of the block is not a number that can be fitted", "Name a numeric field."
+            message = "this field of the block is not a number that can be fitted"
+            return "", message, "Name a numeric field.", [removal]
         known = list(self.function.graph.parameters)
         remedy = nearest(name, known) or f"The model has {', '.join(known[:12])}."
-        return "", f"unknown parameter {name}", remedy
+        return "", f"unknown parameter {name}", remedy, [removal]
+
+    def _level(self) -> float:
+        return 0.0 if self.function is None else initial_level(self.function.graph, self.entry.name)
 
     def _initial_advice(self) -> str:
-        level = 0.0 if self.function is None else initial_level(self.function.graph, self.entry.name)
-        return f"Write initial = {level}, or all values."
+        return f"Write initial = {self._level()}, or all values."
+
+    def _initial_fix(self) -> Fix:
+        return Fix.set((*self._keys, "initial"), self._level())
 
     def _inherit(self, values: Float) -> dict[str, Any]:
         """Return the attributes of the initial file; bounds only if the shape is unchanged."""
@@ -209,11 +222,19 @@ class _TableBuilder:
         valid = tuple(axis for axis in axes if axis is not None)
         return valid if len(valid) == len(axes) else None
 
+    def _is_over_data(self, direction: str) -> bool:
+        """Return if the data show the range of an axis: it is looked up with an input."""
+        graph = None if self.function is None else self.function.graph
+        coordinates = [] if graph is None else coordinates_of(graph, self.entry.name)
+        at = DIRECTIONS.index(direction)
+        return graph is not None and at < len(coordinates) and coordinates[at] in graph.inputs
+
     def _recordings(self, entries: Mapping[str, AxisEntry]) -> tuple[Axis, ...] | None:
         """Return the axis of a parameter with a value for each recording."""
         for direction in entries:
+            message = f"contradicts per = {self.entry.per!r}, which has an axis of its own"
             self._report(
-                direction, f"contradicts per = {self.entry.per!r}, which has an axis of its own", "Remove one."
+                direction, message, "Remove one.", [Fix.remove((*self._keys, key)) for key in (direction, "per")]
             )
         axis = None if entries else self.axes.recordings(self.entry)
         return None if axis is None else (axis,)
@@ -223,8 +244,10 @@ class _TableBuilder:
         entry = self.entry.axes[direction]
         if old is None:
             remedy = "Write breakpoints; or begin, end and count; or count."
+            fix = Fix(f"Take {COUNT} points over the data", (((*self._keys, direction, "count"), COUNT),))
+            fixes = [fix] if self._is_over_data(direction) else []
             what = "breakpoints are free" if entry.is_free else "the axis has no breakpoints"
-            self._report(direction, f"{what}, but no initial file has any", remedy)
+            self._report(direction, f"{what}, but no initial file has any", remedy, fixes)
             return None
         return free_breakpoints(old, entry, self.findings)
 
@@ -246,7 +269,7 @@ class _TableBuilder:
         if self.old.values.shape == shape:
             return self.old.values
         message = f"the initial file has {describe_parameter(self.old)}, but the axes require {format_shape(shape)}"
-        self._report("initial", message, self._initial_advice())
+        self._report("initial", message, self._initial_advice(), [self._initial_fix()])
         return None
 
     def _spread(self, key: str, array: Float, shape: tuple[int, ...], axes: Sequence[Axis] = ()) -> Float | None:
@@ -254,13 +277,18 @@ class _TableBuilder:
             return np.array(np.broadcast_to(array, shape))
         if not shape:
             remedy = "Give it an axis, x = { ... }, or a single number."
-            self._report(key, f"must be one value for a scalar, got {format_shape(array.shape)}", remedy)
+            fixes = [self._initial_fix()] if key == "initial" else []
+            self._report(key, f"must be one value for a scalar, got {format_shape(array.shape)}", remedy, fixes)
             return None
         message = f"has {format_shape(array.shape)} values, but the axes require {format_shape(shape)}"
         # DCM, CVX and CDFX have a row for each y
         turned = array.shape == shape[::-1] and len(shape) == 2
         remedy = "It seems to be transposed: write one row per x." if turned else "Write one row per x."
-        self._report(key, message, remedy if len(shape) > 1 else "Write one value per breakpoint.")
+        fixes = []
+        if key == "initial":
+            turning = Fix("Transpose it", (((*self._keys, key), array.T.tolist()),))
+            fixes = [turning] if turned else [self._initial_fix()]
+        self._report(key, message, remedy if len(shape) > 1 else "Write one value per breakpoint.", fixes)
         return None
 
     def _bounds(self, values: Float) -> dict[str, Float]:
@@ -330,7 +358,9 @@ def _factors(entry: ParameterEntry, table: Parameter, findings: Findings) -> tup
     for direction in factors:
         if direction not in known:
             message = f"{entry.name} has no axis {direction}"
-            findings.error(entry.location.within("smoothness"), message, f"It has {', '.join(known) or 'none'}.")
+            fixes = [Fix.remove(("parameters", entry.name, "smoothness", direction))]
+            remedy = f"It has {', '.join(known) or 'none'}."
+            findings.error(entry.location.within("smoothness"), message, remedy, fixes=fixes)
     return tuple(factors.get(direction, 0.0) for direction in known)
 
 
@@ -348,7 +378,8 @@ def _free(
         # without any parameter the default `*` matches nothing, and other findings say why there is none
         if not matches and (parameters or pattern != "*"):
             remedy = nearest(pattern, parameters) or f"The parameters are {', '.join(used[:12])}."
-            findings.error(place, f"{pattern} matches no parameter", remedy)
+            fixes = _other_patterns(file, pattern, parameters)
+            findings.error(place, f"{pattern} matches no parameter", remedy, fixes=fixes)
         elif matches and matches.isdisjoint(used):
             names = ", ".join(sorted(matches)[:5])
             message = f"{pattern} matches only parameters that the function does not use: {names}"
@@ -358,3 +389,16 @@ def _free(
             # the section of a parameter decides over the patterns
             (chosen.add if entry.free else chosen.discard)(name)
     return tuple(name for name in used if name in chosen and name in parameters)
+
+
+def _other_patterns(file: ProjectFile, pattern: str, parameters: ParameterSet) -> list[Fix]:
+    """Return the fixes of a pattern of `free` that matches nothing: the most similar name, or none in its place."""
+    patterns, keys = list(file.calibration.free), ("calibration", "free")
+    if pattern not in patterns:  # it is from a list of labels
+        return []
+    similar, rest = most_similar(pattern, parameters), [each for each in patterns if each != pattern]
+    fixes = [Fix(f"Remove {pattern}", ((keys, rest or None),))]
+    if similar and similar not in patterns:
+        renamed = [similar if each == pattern else each for each in patterns]
+        fixes.insert(0, Fix(f"Write {similar}", ((keys, renamed),)))
+    return fixes

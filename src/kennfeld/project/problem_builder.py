@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location
-from kennfeld.base.formatting import join_names, nearest, toml_text
+from kennfeld.base.errors import ArgumentError, Finding, Findings, Fix, InputError, Location
+from kennfeld.base.formatting import join_names, most_similar, nearest, toml_text
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.constraints import Limit
 from kennfeld.domain.criteria import Criterion
@@ -33,7 +33,7 @@ from kennfeld.optimize.problem.validation import (
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.calculated import Calculated, parse_calculated
 from kennfeld.preprocessing.pipeline import LoadedData, Loader, load_datasets
-from kennfeld.preprocessing.recordings import ChannelRequest
+from kennfeld.preprocessing.recordings import INPUT, ChannelRequest
 from kennfeld.project.axes import Axes, axis_location, check_free_axes
 from kennfeld.project.checks import check_method, check_settling, check_weights, weight_channels
 from kennfeld.project.criteria_builder import Constraints, build_constraints, build_criteria
@@ -44,6 +44,7 @@ from kennfeld.project.model import (
     call_remedy,
     defines_values,
     find_undefined,
+    initial_level,
     read_function,
     read_surrogates,
     undefined_names,
@@ -243,7 +244,9 @@ class ProblemBuilder:
         function = with_values_per_recording(function, names_per_recording(self.file))
         for surrogate in self.surrogates:
             if surrogate.name not in function.graph.parameters:
-                self.findings.warning(self.file.location("surrogates", surrogate.name), "the function does not call it")
+                keys = ("surrogates", surrogate.name)
+                fixes = [Fix.remove(keys)]
+                self.findings.warning(self.file.location(*keys), "the function does not call it", fixes=fixes)
         known = [*known, *function.model.values]
         if initial is not None:
             self.known, self.undefined = known, undefined_names(function, known)
@@ -255,7 +258,11 @@ class ProblemBuilder:
         for name in self.file.channels:
             if name not in inputs:
                 remedy = nearest(name, inputs) or f"Its inputs are {', '.join(inputs[:12])}."
-                self.findings.error(self.file.location("channels", name), f"unknown input {name}", remedy)
+                keys, similar = ("channels", name), most_similar(name, inputs)
+                is_free = bool(similar) and similar not in self.file.channels
+                fixes = [Fix.rename(keys, similar, self.file.channels[name])] if is_free else []
+                fixes.append(Fix.remove(keys))
+                self.findings.error(self.file.location(*keys), f"unknown input {name}", remedy, fixes=fixes)
         return function
 
     def _recorded_inputs(self, function: ProjectModel) -> set[str]:
@@ -280,16 +287,17 @@ class ProblemBuilder:
     def _report_unused(self, name: str, function: ProjectModel, known: list[str]) -> None:
         """Report the section of a parameter that the function does not use."""
         path, entry = ("parameters", name), self.file.parameters[name]
+        fixes = [Fix.remove(path)]
         called = call_remedy(name) if entry.axes else ""
         if not defines_values(self.file):
             remedy = called or nearest(name, [n for n in function.graph.parameters if n not in known])
-            self.findings.warning(self.file.location(*path), f"the function does not use {name}", remedy)
+            self.findings.warning(self.file.location(*path), f"the function does not use {name}", remedy, fixes)
         elif ":" in name and entry.initial is not None:
             message = "the block requires this field to be constant; it has the value given here and is not fitted"
             self.findings.remark(self.file.location(*path), message)
         elif entry.initial is not None or entry.axes:  # otherwise the missing value is reported
             remedy = called or nearest(name, function.graph.parameters)
-            self.findings.warning(self.file.location(*path), f"the function does not use {name}", remedy)
+            self.findings.warning(self.file.location(*path), f"the function does not use {name}", remedy, fixes)
 
     def _add_remarks(self, remarks: Sequence[Finding]) -> None:
         """Add the first remarks on deviations of the imported model."""
@@ -303,7 +311,7 @@ class ProblemBuilder:
         file, function = self.file, self.function
         inputs = function.graph.inputs if function else ()
         # reversed: of several inputs with one channel, the message names the first
-        needed = {file.channels.get(name, name): f"the input {name} of the function" for name in reversed(inputs)}
+        needed = {file.channels.get(name, name): f"{INPUT}{name} of the function" for name in reversed(inputs)}
         axes = [*file.axes.values(), *(axis for entry in file.parameters.values() for axis in entry.axes.values())]
         nodes = {*inputs, *(function.graph.names if function else ())}
         quantiles = {a.input: f"the input of {a.location}" for a in axes if a.quantiles and a.input and function}
@@ -366,7 +374,8 @@ class ProblemBuilder:
                 and name not in conditions
                 and not any(name in graph.inputs for graph in calculated.graphs.values())
             ):
-                self.findings.warning(self.file.location("calculated", name), "unused channel")
+                fixes = [Fix.remove(("calculated", name))]
+                self.findings.warning(self.file.location("calculated", name), "unused channel", fixes=fixes)
 
     def _step(self) -> float | None:
         """Return the model's step in s, None if its result does not depend on it."""
@@ -378,7 +387,15 @@ class ProblemBuilder:
         entries = self.file.datasets
         if entries and not any(entry.is_fitted for entry in entries):
             remedy = 'Write use = "training" and a weight > 0 in one of them.'
-            self.findings.error(self.file.location("dataset"), "no dataset is used for training", remedy)
+            fixes = [
+                Fix(
+                    f"Fit {entry.name or entry.files[0]}",
+                    ((("dataset", k, "use"), None), (("dataset", k, "weight"), None)),
+                )
+                for k, entry in enumerate(entries[:3], 1)
+                if entry.files
+            ]
+            self.findings.error(self.file.location("dataset"), "no dataset is used for training", remedy, fixes=fixes)
         if self.function is None:
             return
         self.findings.add(*check_settling(self.function.graph, self.loaded))
@@ -402,7 +419,8 @@ class ProblemBuilder:
             applies = name in own and section.inherits and not section.is_free
             if not applies and not any(axis.group == name for axis in axes):
                 remedy = f"Write x = {{ axis = {toml_text(name)} }} under [parameters.NAME] of each table on it."
-                self.findings.warning(self.file.location("axes", name), "no table of this file uses the axis", remedy)
+                message, fixes = "no table of this file uses the axis", [Fix.remove(("axes", name))]
+                self.findings.warning(self.file.location("axes", name), message, remedy, fixes)
 
     def _check_shifts(self) -> None:
         """Report shifts that cannot be estimated."""
@@ -410,16 +428,20 @@ class ProblemBuilder:
         training = {n for d in self.loaded.datasets if d.use == "training" for n in sought.get(d.name, ())}
         for data in self.loaded.datasets:
             location = self.loaded.locations[data.name].within("shift")
+            entry_keys = location.keys
             for channel in sought.get(data.name, ()):
                 if channel not in training:
                     message = f'shift = "auto" for {channel} must be set on a training dataset'
-                    self.findings.error(location, message, 'Write "auto" in a training dataset too, or a number here.')
+                    fixes = [Fix.remove((*entry_keys, "shift", channel))]
+                    remedy = 'Write "auto" in a training dataset too, or a number here.'
+                    self.findings.error(location, message, remedy, fixes=fixes)
             if sought.get(data.name) and data.scored is not None and step is not None and data.time is not None:
                 own = [entry.raster for entry in self.file.datasets if entry.raster]
                 # samples of a finer step lie between the scored ones, whose targets are not known there
                 if np.median(np.diff(data.time)) < 0.999 * np.median(np.diff(data.time[data.scored])) and not own:
                     message = f"no shift can be estimated: the model's step of {step:g} s is below that of the data"
-                    self.findings.error(location, message, f"Write raster = {step:g}, or a number.")
+                    fixes = [Fix.set((*entry_keys, "raster"), step)]
+                    self.findings.error(location, message, f"Write raster = {step:g}, or a number.", fixes=fixes)
 
     def _check_tables(self, tables: Tables, function: ProjectModel) -> None:
         """Report wrong numbers of axes, missing values, and if nothing is free."""
@@ -436,12 +458,16 @@ class ProblemBuilder:
                 message = f"{len(missing)} of {parameter.size} initial values of {name} are not finite"
                 where = f", the first at {at}" if at else ""
                 remedy = "Complete the file, or write initial = ... in its section."
-                self.findings.error(self.file.location("parameters", name, "initial"), message + where, remedy)
+                level = initial_level(function.graph, name)
+                fixes = [Fix.set(("parameters", name, "initial"), level)]
+                location = self.file.location("parameters", name, "initial")
+                self.findings.error(location, message + where, remedy, fixes=fixes)
         if not tables.free and any(name in tables.parameters for name in function.graph.parameters):
             self.findings.error(
                 self.file.location("calibration", "free"),
                 "no parameter of the function is free",
                 'Write free = ["*"] in [calibration].',
+                fixes=[Fix("Free all", ((("calibration", "free"), ["*"]),))],
             )
 
     def _check_limits(self, problem: Problem) -> None:

@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from kennfeld.base.arrays import Float
-from kennfeld.base.errors import Findings, InputError, Location
+from kennfeld.base.errors import Findings, Fix, InputError, Location
 from kennfeld.base.formatting import join_names
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.watch_folder import DEFAULT_LIMIT
@@ -24,7 +24,7 @@ from kennfeld.domain.storage import MAX_SHIFT, RoundingMethod
 from kennfeld.models.function_files import split_reference
 from kennfeld.models.importer import ImportOptions, ImportRequest
 from kennfeld.models.importer_registry import importer_of, importers
-from kennfeld.preprocessing.recipe import DatasetEntry
+from kennfeld.preprocessing.recipe import DatasetEntry, used_entries
 from kennfeld.project.design_table import DesignEntry
 from kennfeld.project.forms import (
     EitherForm,
@@ -506,7 +506,7 @@ class SectionsFile:
         # the heading of an entry has its name: [parameters.MapTorque]
         if isinstance(form, NamedEntriesForm) and inner:
             heading = f"[{section}.{inner.pop(0)}]"
-        location = KeyLocation(self.path.name, lines=self.lines)
+        location = KeyLocation(self.path.name, keys=keys, lines=self.lines)
         for part in (heading, *inner):
             location = location.within(str(part))
         return location
@@ -514,6 +514,12 @@ class SectionsFile:
     def siblings(self, path: Path) -> list[str]:
         """Return the names of the files in the folder of a path."""
         return [other.name for other in path.parent.iterdir() if other.is_file()] if path.parent.is_dir() else []
+
+    def alike(self, name: str) -> list[str]:
+        """Return the files beside a missing one that have its ending, as the file names them."""
+        path = self.folder / name
+        alike = (other for other in self.siblings(path) if Path(other).suffix.casefold() == path.suffix.casefold())
+        return sorted((Path(name).parent / other).as_posix() for other in alike)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -639,17 +645,20 @@ def read_project(path: Path, unsaved: Mapping[str, str] | None = None) -> Projec
         message = "this is a training file, not a project"
         raise InputError.of(root.location, message, "Run `kennfeld surrogate train`.")
     file: ProjectFile = read_entry(ProjectFile, root, path=path, lines=root.location.lines, unsaved=unsaved)
+    used = used_entries(file.datasets or ())
+    if file.datasets and not used:
+        root.report("dataset", "all datasets are off", 'Write use = "training" in one of them.')
     # before `finish`, which raises its findings together with the others
     more = _calculated_channels(root, file.calculated)
     root.findings.finish()
-    return replace(file, calculated={**more, **file.calculated})
+    return replace(file, calculated={**more, **file.calculated}, datasets=used)
 
 
 def read_partly(path: Path, tables: Mapping[str, Any]) -> ProjectFile:
     """Return what the tables of a project file say as far as they are valid; the rest is as if it were not there."""
     section = Section(dict(tables), KeyLocation(path.name, lines={}), Findings())
     file: ProjectFile = read_entry(ProjectFile, section, path=path, lines={}, unsaved={})
-    return file
+    return replace(file, datasets=used_entries(file.datasets or ()))
 
 
 def _calculated_channels(root: Section, calculated: Collection[str]) -> dict[str, str]:
@@ -661,5 +670,6 @@ def _calculated_channels(root: Section, calculated: Collection[str]) -> dict[str
     for name in channels[_INNER]:
         if name in calculated:
             location = f"{_INNER} {name}"
-            section.report(location, "duplicate of the channel in [calculated]", "Remove one.")
+            fix = Fix.remove(("channels", _INNER, name))
+            section.report(location, "duplicate of the channel in [calculated]", "Remove one.", [fix])
     return TableOfForm(TextForm()).read(section, _INNER) or {}

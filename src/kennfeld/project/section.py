@@ -1,12 +1,13 @@
 """Tables of a project file with their locations. Problems are collected, not raised."""
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import field, replace
 from typing import Any
 
-from kennfeld.base.errors import Findings, Location
-from kennfeld.base.formatting import nearest
+from kennfeld.base.errors import Findings, Fix, Location
+from kennfeld.base.formatting import most_similar, nearest
 from kennfeld.base.lazy_dataclass import dataclass
 
 KeyPath = tuple[str | int, ...]  # keys of TOML; entries of a list count from 1
@@ -63,9 +64,16 @@ class Section:
         """Return the same table with other values."""
         return Section(values, self.location, self.findings, self.keys, self.line_of)
 
-    def report(self, path: str, message: str, remedy: str = "") -> None:
+    def report(self, path: str, message: str, remedy: str = "", fixes: Iterable[Fix] = ()) -> None:
         """Add an error about a part, or about the whole section if the path is empty."""
-        self.findings.error(self.location.within(path), message, remedy)
+        self.findings.error(self.location.within(path), message, remedy, fixes=fixes)
+
+    @contextmanager
+    def removable(self, *keys: str | int) -> Iterator[None]:
+        """Offer to remove a part as the fix of what is reported meanwhile, unless it has a fix of its own."""
+        begin = len(self.findings)
+        yield
+        self.findings.offer(Fix.remove((*self.keys, *keys)), begin)
 
     def inner(self, values: Mapping[str, Any], path: str, *keys: str | int) -> "Section":
         """Return a table within this one, which messages call `path`."""
@@ -75,20 +83,24 @@ class Section:
     def _locate(self, path: str, *keys: str | int) -> KeyLocation:
         """Return the location of a part and remember its line."""
         location = self.location.within(path)
-        line = self.line_of((*self.keys, *keys))
+        own = (*self.keys, *keys)
+        line = self.line_of(own)
         self.location.lines[location.path] = line
-        return replace(location, line=line)
+        return replace(location, line=line, keys=own)
 
     def report_unknown(self, known: Collection[str]) -> None:
         """Report keys that are not `known`."""
         for name, value in self.values.items():
             if name in known:
                 continue
+            keys, similar = (*self.keys, name), most_similar(name, known)
+            fixes = [Fix.rename(keys, similar, value)] if similar and similar not in self.values else []
+            fixes.append(Fix.remove(keys))
             if self.is_root and isinstance(value, dict | list):
-                self.report(f"[{name}]", "unknown section", nearest(name, known))
+                self.report(f"[{name}]", "unknown section", nearest(name, known), fixes)
             else:
                 remedy = nearest(name, known) or ("" if self.is_root else f"Valid keys: {', '.join(known)}.")
-                self.report(name, "unknown key", remedy)
+                self.report(name, "unknown key", remedy, fixes)
 
 
 def show(value: Any) -> str:

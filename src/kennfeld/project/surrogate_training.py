@@ -1,7 +1,7 @@
 """Reads training files, `kennfeld surrogate train`: the recordings and settings of a surrogate."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,7 +17,7 @@ from kennfeld.domain.file_keys import KeyProblem, key
 from kennfeld.domain.search_settings import MAX_STARTS
 from kennfeld.preprocessing.calculated import parse_calculated
 from kennfeld.preprocessing.pipeline import load_datasets
-from kennfeld.preprocessing.recipe import DatasetEntry
+from kennfeld.preprocessing.recipe import DatasetEntry, used_entries
 from kennfeld.preprocessing.recordings import ChannelRequest
 from kennfeld.project.forms import Form, IntegerForm, TableOfForm, TextsForm, keys_of, read_entry
 from kennfeld.project.schema import SectionsFile, open_sections
@@ -348,6 +348,7 @@ def read_training(path: str | Path) -> Training:
         raise InputError.of(root.location, "this is a project, not a training file", "Run `kennfeld calibrate`.")
     file: TrainingFile = read_entry(TrainingFile, root, path=path, lines=root.location.lines)
     _check_datasets(root, file)
+    file = replace(file, datasets=used_entries(file.datasets or ()))
     target = path.parent / file.surrogate.target(path)
     # without its section the name of the target is a guess
     if "surrogate" in root.values:

@@ -126,7 +126,7 @@ class GroupAxisEntry:
         if not self.is_free:
             for name in ("min_distance", "range"):
                 if name in present:
-                    yield name, "requires free breakpoints", "Write free = true, or remove it."
+                    yield name, "requires free breakpoints", "Write free = true, or remove it.", {"free": True}
         uniform = [name for name in ("begin", "end") if name in present]
         if any(getattr(self, name) is None for name in (*uniform, *({"free", "step"} & set(present)))) or (
             not self.count and "count" in present
@@ -137,12 +137,13 @@ class GroupAxisEntry:
                 yield "", "breakpoints contradict begin, end and count", "Keep one of them."
         elif self.begin is not None and self.end is not None and self.count:
             if not self.begin < self.end:
-                yield "end", f"must be > begin = {self.begin:g}, got {self.end:g}", "Swap them."
+                message, swapped = f"must be > begin = {self.begin:g}, got {self.end:g}", (self.end, self.begin)
+                yield "end", message, "Swap them.", dict(zip(("begin", "end"), swapped, strict=True))
             elif not math.isfinite(self.end - self.begin):
                 yield "end", f"is too far from begin = {self.begin:g}, got {self.end:g}", "Write physical values."
         elif uniform or not (self.count or self.is_free or self.step is not None):
             keys = f"only {', '.join(present)}" if present else "no breakpoints"
-            yield "", f"the axis has {keys}", f"Write {self._forms}."
+            yield "", f"the axis has {keys}", f"Write {self._forms}.", {"count": 8} if "count" not in present else {}
         if "round" in present and self.points:
             yield "round", "applies to quantiles of the training data only", "Remove it, or write count alone."
 

@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 
 from kennfeld.base.arrays import Float
-from kennfeld.base.formatting import nearest
+from kennfeld.base.errors import Fix
+from kennfeld.base.formatting import most_similar, nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles import endings
 from kennfeld.calfiles.label_list import ENDING as LABEL_LIST
@@ -117,7 +119,9 @@ def _are_ordered(section: Section, key: str, lower: Float, upper: Float) -> bool
     low, high = np.broadcast_arrays(lower, upper)
     first = tuple(np.argwhere(low > high)[0])
     at = f" at value {_describe_index(first)}" if first else ""
-    section.report(key, f"lower bound {low[first]:g} exceeds upper bound {high[first]:g}{at}", "Swap them.")
+    ordered = [np.minimum(low, high).tolist(), np.maximum(low, high).tolist()]
+    fixes = [replace(Fix.set((*section.keys, key), ordered), title="Swap them")]
+    section.report(key, f"lower bound {low[first]:g} exceeds upper bound {high[first]:g}{at}", "Swap them.", fixes)
     return False
 
 
@@ -143,7 +147,8 @@ class BreakpointsForm(Form):
             at = int(falling[0])
             second, first = (f"breakpoint {i + 1} ({points[i]:g})" for i in (at + 1, at))
             message = f"must increase strictly: {second} does not exceed {first}"
-            section.report(key, message, "Sort them and remove duplicates.")
+            fix = Fix.set((*section.keys, key), np.unique(points).tolist())
+            section.report(key, message, "Sort them and remove duplicates.", [replace(fix, title="Sort them")])
         else:
             return tuple(points.tolist())
         return None
@@ -187,7 +192,8 @@ class LimitPairForm(PairForm):
     def read(self, section: Section, key: str) -> tuple[float, float] | None:
         ends = _ends(section, key)
         if len(ends) == 2 and ends[0] > ends[1]:
-            section.report(key, f"lower limit {ends[0]:g} exceeds upper limit {ends[1]:g}", "Swap them.")
+            fixes = [replace(Fix.set((*section.keys, key), ends[::-1]), title="Swap them")]
+            section.report(key, f"lower limit {ends[0]:g} exceeds upper limit {ends[1]:g}", "Swap them.", fixes)
             return None
         return super().read(section, key)
 
@@ -333,7 +339,14 @@ class FormatsForm(TextsForm):
             return ending
         known = [known.removeprefix(".") for known in self.endings()]
         remedy = nearest(word, known) or f"Choose from {', '.join(known)}."
-        section.report(key, f"unknown {self.kind} format {word!r}", remedy)
+        own = section.values[key]
+        others = [other for other in (own if isinstance(own, list) else [own]) if other != word]
+        similar = most_similar(word, known)
+        meant = [] if similar in ("", *others) else [Fix.set((*section.keys, key), [*others, similar])]
+        fixes = [replace(fix, title=f"Write {similar}") for fix in meant]
+        if others:
+            fixes.append(replace(Fix.set((*section.keys, key), others), title=f"Remove {word}"))
+        section.report(key, f"unknown {self.kind} format {word!r}", remedy, fixes)
         return ""
 
     def write(self, value: tuple[str, ...]) -> list[str]:

@@ -7,6 +7,20 @@ export type Pen = CanvasRenderingContext2D;
 export type Range = readonly [number, number];
 
 const canvases = new Set<() => void>();
+
+/** How a canvas is drawn, its size, and its number: those with higher ones lie over the others. */
+export interface Drawn {
+  draw: (pen: Pen, width: number, height: number) => void;
+  width: number;
+  height: number;
+  number: number;
+}
+
+const drawings = new WeakMap<HTMLCanvasElement, () => Drawn>();
+let last = 0;
+
+/** How a canvas of `canvasIn` is drawn, to draw it elsewhere; null for another one. */
+export const drawnIn = (canvas: HTMLCanvasElement): Drawn | null => drawings.get(canvas)?.() ?? null;
 const waiting = new Set<() => void>();
 
 /** Draw all waiting canvases in the next frame. */
@@ -56,6 +70,8 @@ export function canvasIn(
     redraw();
   });
   canvases.add(now);
+  const number = ++last;
+  drawings.set(canvas, () => ({ draw, width, height, number }));
   observer.observe(host);
   if (tall) now();
   else redraw();

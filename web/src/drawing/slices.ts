@@ -7,7 +7,7 @@ import { band, dots, hatch, ring } from "./marks";
 export interface SliceData {
   points: readonly number[];
   now: readonly number[];
-  before: readonly number[];
+  before: readonly number[] | null;
   deviation: readonly (number | null)[] | null;
   empty: readonly boolean[] | null; // points without data
   active: number;
@@ -19,7 +19,7 @@ export interface SliceData {
 export function drawSlice(pen: Pen, width: number, height: number, data: SliceData, range: Range | null): Area {
   const { points, now, before, deviation, empty, active } = data;
   const box = { left: 44, right: width - 14, top: 10, bottom: height - 36 };
-  const plot = area(pen, box, widened(extent(points), 0), range ?? widened(extent(now, before), 0.1), {
+  const plot = area(pen, box, widened(extent(points), 0), range ?? widened(extent(now, before ?? []), 0.1), {
     title: data.title,
   });
   const xs = points.map(plot.x);
@@ -31,7 +31,7 @@ export function drawSlice(pen: Pen, width: number, height: number, data: SliceDa
       band(pen, xs, side(1), side(-1), token("model"), 0.15);
     }
     if (data.places) drawPlaces(pen, plot, data.places);
-    line(pen, xs, before.map(plot.y), token("before"), 1.25);
+    if (before) line(pen, xs, before.map(plot.y), token("before"), 1.25);
     line(pen, xs, ys, token("model"), 1.5);
   });
   dots(pen, xs, ys, token("model"), 2.6);

@@ -4,9 +4,10 @@ import { useSignal } from "@preact/signals";
 import { useEffect, useMemo, useRef } from "preact/hooks";
 import { tooltip } from "../fields";
 import { wanted } from "../navigation";
-import type { KeyRow, Path, Toml } from "../replies";
+import type { FindingRow, KeyRow, Path, Toml } from "../replies";
 import { asToml, keysOf, sectionOf, settingName, shownForms } from "../schema";
 import { messagesOf, messagesWithin, setKeys, settings, valueAt } from "../settings";
+import { Fixes } from "./finding";
 import { Remove, ValueField } from "./value-field";
 
 type Table = { [key: string]: Toml };
@@ -14,12 +15,13 @@ type Table = { [key: string]: Toml };
 interface FormProps {
   path: Path;
   skip?: string[]; // keys that stand elsewhere on the screen
+  main?: string[]; // keys that are shown with those that are set
   directions?: string[]; // the axes that the table has
   draft?: { own: Table; change: (next: Table) => void }; // an entry that is not in the file yet
 }
 
 /** The fields of an entry at a path, such as `["dataset", 1]` or `["optimizer"]`. */
-export function EntryForm({ path, skip = [], directions, draft }: FormProps) {
+export function EntryForm({ path, skip = [], main = [], directions, draft }: FormProps) {
   const section = String(path[0]);
   const own = (draft?.own ?? valueAt(path) ?? {}) as Table;
   const strays = Object.keys(own)
@@ -39,7 +41,7 @@ export function EntryForm({ path, skip = [], directions, draft }: FormProps) {
     };
   }, []);
   const set = useMemo(
-    () => all.filter((key) => key.name in own || key.required).map((key) => key.name),
+    () => all.filter((key) => key.name in own || key.required || main.includes(key.name)).map((key) => key.name),
     [path.join("\n"), all.length, settings.value.text === ""],
   );
   const upper = all.filter((key) => set.includes(key.name));
@@ -89,7 +91,7 @@ export function EntryForm({ path, skip = [], directions, draft }: FormProps) {
       }}
     >
       {general.map((f) => (
-        <p class={`remark ${f.severity === "error" ? "bad" : "warn"}`}>{f.message}</p>
+        <Remark key={f.message} own={f} />
       ))}
       {upper.map(row)}
       {upper.length > 0 && rest.length > 0 && draft === undefined && (
@@ -188,11 +190,18 @@ function Setting({
         </p>
       )}
       {messages.map((f) => (
-        <p class={`remark ${f.severity === "error" ? "bad" : "warn"}`} role="alert">
-          {f.message}
-        </p>
+        <Remark key={f.message} own={f} />
       ))}
     </div>
+  );
+}
+
+/** A message below its field, with its fixes. */
+function Remark({ own }: { own: FindingRow }) {
+  return (
+    <p class={`remark ${own.severity === "error" ? "bad" : "warn"}`} role="alert">
+      {own.message} <Fixes own={own} />
+    </p>
   );
 }
 
@@ -240,9 +249,7 @@ export function TableForm({ section }: { section: string }) {
         />
       </div>
       {messages.map((f) => (
-        <p class={`remark ${f.severity === "error" ? "bad" : "warn"}`} role="alert">
-          {f.message}
-        </p>
+        <Remark key={f.message} own={f} />
       ))}
     </div>
   );

@@ -22,12 +22,14 @@ interface ListProps {
   title?: string; // of a head with the button that adds one
   sub?: string;
   ordered?: boolean; // entries can be moved
+  oneOf?: string[]; // keys of which an entry needs one at least
   line?: (entry: number, table: Table) => ComponentChildren; // further fields of an entry's line
 }
 
 /** A list of the entries of an array of tables, `[[criterion]]`, or of named tables, `[axes.NAME]`. */
-export function EntryList({ section, noun, empty, title, sub, ordered, line }: ListProps) {
+export function EntryList({ section, noun, empty, title, sub, ordered, oneOf = [], line }: ListProps) {
   const draft = useSignal<Table | null>(null);
+  const sent = useSignal(0); // the number of the draft once it is written
   const isNamed = sectionOf(section)?.form.kind === "named";
   const value = valueAt([section]);
   const entries: [number | string, Table][] = Array.isArray(value)
@@ -46,14 +48,26 @@ export function EntryList({ section, noun, empty, title, sub, ordered, line }: L
       wanted.value = "";
     }
   });
+  const needed = [...required, ...(oneOf.length ? [oneOf.join(" or ")] : [])].join(" and ");
   const general = settled.value.findings.filter((f) => f.path === sectionOf(section)?.heading);
   const extend = (table: Table) => {
-    const isWhole = required.every((name) => name in table) && Object.keys(table).length > 0;
-    draft.value = isWhole ? null : table;
-    if (!isWhole) return;
-    openEntry(section, entries.length + 1);
-    void setKeys([[[section, entries.length + 1], table]], `Added ${noun} ${entries.length + 1}`);
+    draft.value = table;
+    const hasOne = oneOf.length === 0 || oneOf.some((name) => name in table);
+    if (!required.every((name) => name in table) || !hasOne || Object.keys(table).length === 0) return;
+    sent.value = sent.value || entries.length + 1;
+    openEntry(section, sent.value);
+    void setKeys([[[section, sent.value], table]], `Added ${noun} ${sent.value}`).then((taken) => {
+      if (!taken) sent.value = 0;
+    });
   };
+  // the draft stays, with the cursor in it, until the entry is there to take its place
+  useEffect(() => {
+    if (sent.value === 0 || entries.length < sent.value) return;
+    const field = document.activeElement?.closest<HTMLElement>("[data-key]");
+    if (field && host.current?.contains(field)) wanted.value = `${section}.${field.dataset.key}`;
+    draft.value = null;
+    sent.value = 0;
+  });
   const remove = (entry: number | string) => {
     openEntry(section, 0);
     void setKeys([[[section, entry], null]], `Removed ${noun} ${entry}`);
@@ -118,7 +132,7 @@ export function EntryList({ section, noun, empty, title, sub, ordered, line }: L
               )}
               <Remove label={`${noun} ${entry}`} act={() => remove(entry)} />
             </div>
-            {isOpen && <EntryForm path={[section, entry]} />}
+            {isOpen && sent.value !== entry && <EntryForm path={[section, entry]} main={oneOf} />}
           </>
         );
       })}
@@ -127,7 +141,7 @@ export function EntryList({ section, noun, empty, title, sub, ordered, line }: L
         <div class="draft">
           <div class="entry-line on">
             <b class="grow">New {noun}</b>
-            <span class="q">{required.length ? `needs ${required.join(" and ")}` : "set a key"}</span>
+            <span class="q">{needed ? `needs ${needed}` : "set a key"}</span>
             <Remove
               label={`new ${noun}`}
               act={() => {
@@ -135,7 +149,11 @@ export function EntryList({ section, noun, empty, title, sub, ordered, line }: L
               }}
             />
           </div>
-          <EntryForm path={[section, entries.length + 1]} draft={{ own: draft.value, change: extend }} />
+          <EntryForm
+            path={[section, sent.value || entries.length + 1]}
+            main={oneOf}
+            draft={{ own: draft.value, change: extend }}
+          />
         </div>
       )}
       {isNamed ? (

@@ -9,7 +9,19 @@ import { count, plain, signed, significant, withUnit } from "../drawing/numbers"
 import { brush, chooseCriterion, criterion, criterionNumber, showDataset, stretch } from "../plots";
 import type { EditedTable, InformingRow } from "../replies";
 import { scoped } from "../scope";
-import { endDrag, referenceName, request, revision, screen, selection, settled, setValues, table } from "../store";
+import {
+  endDrag,
+  message,
+  referenceName,
+  request,
+  revision,
+  screen,
+  selection,
+  settled,
+  setValues,
+  table,
+} from "../store";
+import { fitOnly, whyUnfit } from "./cell-marks";
 import { Picture } from "./picture";
 import { cellAt } from "./table-cells";
 
@@ -130,6 +142,7 @@ export function EvidencePane({ own }: { own: EditedTable }) {
 /** How the value is known. */
 function origin(own: EditedTable, cell: number): string {
   if (own.locked.includes(cell)) return "locked";
+  if (own.pinned.includes(cell)) return "pinned";
   if (own.values[cell] !== own.reference[cell]) return "by hand";
   return own.samples?.[cell] === 0 ? "no data" : "data";
 }
@@ -303,6 +316,7 @@ function StretchPicture() {
 function Actions({ own }: { own: EditedTable }) {
   const cell = cellAt(own, ...selection.value.active);
   const part = shownPart.value;
+  const unfit = own.locked.includes(cell) ? "locked" : whyUnfit(own);
   const reset = () => {
     setValues([cell], [own.reference[cell]!], `${own.name}: set to the reference`);
     endDrag();
@@ -312,11 +326,25 @@ function Actions({ own }: { own: EditedTable }) {
       <button class="btn small" disabled={!part} onClick={() => showInPlots(part!)}>
         Show in Plots
       </button>
+      <button
+        class="btn small"
+        disabled={unfit !== ""}
+        title={unfit ? `It cannot be fitted: ${unfit}` : "A run in which all other values are held"}
+        onClick={() => fitOnly(own, true)}
+      >
+        Fit this point only
+      </button>
       <button class="btn small" disabled={own.values[cell] === own.reference[cell]} onClick={reset}>
         Back to {referenceName.value}
       </button>
     </div>
   );
+}
+
+/** Light up the samples of the point in all plots. */
+export function showEvidence(): void {
+  if (shownPart.value !== undefined) showInPlots(shownPart.value);
+  else message.value = "No sample looks this point up.";
 }
 
 function showInPlots(part: InformingRow): void {

@@ -111,8 +111,20 @@ export function flowLayout(own: FunctionFlow, chosen: string, room: number): Flo
   };
 }
 
-/** The line from one box to another: to the right, up or down in the gap before the target. */
-export function wire(from: Box, to: Box): string {
+const MARGIN = 5; // between a line and a box that it passes
+
+/** The height at which a line passes the boxes between two others: near both its ends, and through none of them. */
+function lane(from: Box, to: Box, boxes: Box[]): number {
+  const between = boxes.filter((box) => box.x > from.x && box.x < to.x);
+  const [y1, y2] = [from.y + HEIGHT / 2, to.y + HEIGHT / 2];
+  const free = (y: number): boolean => !between.some((box) => y > box.y - 3 && y < box.y + HEIGHT + 3);
+  const beside = between.flatMap((box) => [box.y - MARGIN, box.y + HEIGHT + MARGIN]);
+  const detour = (y: number): number => Math.abs(y - y1) + Math.abs(y - y2);
+  return [y1, y2, ...beside].filter((y) => y > 0 && free(y)).sort((a, b) => detour(a) - detour(b))[0] ?? y1;
+}
+
+/** The line from one box to another: to the right, up or down in the gaps behind the source and before the target. */
+export function wire(from: Box, to: Box, boxes: Box[]): string {
   const [x1, y1, x2, y2] = [from.x + WIDTH, from.y + HEIGHT / 2, to.x, to.y + HEIGHT / 2];
   if (from.x === to.x && to.y > from.y)
     return to.y - from.y < 2 * HEIGHT
@@ -120,5 +132,8 @@ export function wire(from: Box, to: Box): string {
       : `M${x1},${y1} h7 V${to.y - 6} H${from.x + WIDTH / 2} v6`;
   if (x2 <= x1) return `M${x1},${y1} h6 V${Math.max(from.y, to.y) + HEIGHT + 6} H${x2 - 6} V${y2} h6`;
   const bend = x2 - 6 - (Math.round(y1) % 5) * 4;
-  return `M${x1},${y1} H${bend} V${y2} H${x2}`;
+  const y = lane(from, to, boxes);
+  return y === y1
+    ? `M${x1},${y1} H${bend} V${y2} H${x2}`
+    : `M${x1},${y1} h${4 + (Math.round(y1) % 5)} V${y} H${bend} V${y2} H${x2}`;
 }

@@ -1,14 +1,17 @@
 // The table of a parameter: cells coloured by value, a rectangle selected by mouse or keys, edited as in a spreadsheet.
 
-import { useSignal } from "@preact/signals";
+import { signal, useSignal } from "@preact/signals";
 import { Component } from "preact";
 import { useEffect, useRef } from "preact/hooks";
+import { copyAs } from "../copying";
 import { extent } from "../drawing/canvas";
 import { cellColours } from "../drawing/colours";
 import { counted, fixed, significant, tableDecimals, tableFormat } from "../drawing/numbers";
 import type { EditedTable } from "../replies";
 import { changeValues, message, type Selection, selection, setValues, theme } from "../store";
+import { toggleLocks, togglePins } from "./cell-marks";
 import { cellTints, coverOf, coverTitle } from "./coverage";
+import { showEvidence } from "./evidence";
 import { cellAt, cellsOf, size } from "./table-cells";
 import { asOperation, describeCells, type Edit, editCells, readEdit, readPaste } from "./table-edits";
 
@@ -18,7 +21,18 @@ export interface Shown {
   mode: Mode;
   empty: boolean;
   deviation: boolean;
+  ghost: boolean;
 }
+
+/** What the table, the surface and the slices show beside the values. */
+export const shownMarks = signal<Shown>({ mode: "value", empty: true, deviation: true, ghost: true });
+
+/** Keys that change what is shown. */
+const SHOWING: Record<string, (now: Shown) => Partial<Shown>> = {
+  d: ({ mode }) => ({ mode: mode === "difference" ? "value" : "difference" }),
+  g: ({ ghost }) => ({ ghost: !ghost }),
+  h: ({ empty }) => ({ empty: !empty }),
+};
 
 function shownValues(own: EditedTable, mode: Mode): number[] {
   if (mode === "value") return own.values;
@@ -43,7 +57,10 @@ function bars(own: EditedTable): (number | null)[] {
 /** Edit the selected values that are not locked. */
 export function applyEdit(own: EditedTable, edit: Edit): void {
   const cells = cellsOf(own, selection.value).filter((cell) => !own.locked.includes(cell));
-  if (cells.length === 0) return;
+  if (cells.length === 0) {
+    message.value = `Nothing was changed: the selected values of ${own.name} are locked.`;
+    return;
+  }
   const title = `${describeCells(own, selection.value)}: ${edit.title}`;
   const operation = asOperation(own, edit);
   const next = operation === null ? editCells(own, selection.value, cells, edit) : null;
@@ -80,6 +97,8 @@ export function MapTable({ own, shown }: { own: EditedTable; shown: Shown }) {
     }
   };
 
+  useEffect(() => copyAs(body.current!, () => exactRows(own)), [own]);
+
   const apply = (edit: Edit) => applyEdit(own, edit);
 
   const key = (event: KeyboardEvent) => {
@@ -114,6 +133,10 @@ export function MapTable({ own, shown }: { own: EditedTable; shown: Shown }) {
     else if (text === null && event.key === "i") apply({ kind: "interpolate", title: "interpolated" });
     else if (text === null && event.key === "s") apply({ kind: "smooth", title: "smoothed" });
     else if (text === null && event.key === "Delete") apply({ kind: "reference", title: "set to the reference" });
+    else if (text === null && event.key === "l") toggleLocks(own);
+    else if (text === null && event.key === "p") togglePins(own);
+    else if (text === null && event.key === "e") showEvidence();
+    else if (text === null && SHOWING[event.key]) shownMarks.value = { ...shown, ...SHOWING[event.key]!(shown) };
     else if (/^[\d.,=*/+\-eE]$/.test(event.key)) typed.value = (text ?? "") + event.key;
     else return;
     event.preventDefault();
@@ -159,6 +182,18 @@ export function MapTable({ own, shown }: { own: EditedTable; shown: Shown }) {
       </tbody>
     </table>
   );
+}
+
+/** The table with its axes, all digits of its numbers. */
+function exactRows(own: EditedTable): string[][] {
+  const [nx, ny] = size(own);
+  const xs = own.axes[0]?.points ?? [];
+  const ys = own.axes[1]?.points;
+  const rows = Array.from({ length: ny }, (_, j) => [
+    String(ys?.[j] ?? own.name),
+    ...Array.from({ length: nx }, (_, i) => String(own.values[cellAt(own, i, j)])),
+  ]);
+  return xs.length ? [[corner(own), ...xs.map(String)], ...rows] : rows;
 }
 
 interface Look {
@@ -271,6 +306,7 @@ function cellClass(
     i === chosen.active[0] && j === chosen.active[1] ? `active ${own.samples?.[at] ? "ev" : ""}` : "",
     shown.empty && own.samples?.[at] === 0 ? "nd" : "",
     locked.has(at) ? "lock" : "",
+    own.pinned.includes(at) ? "pinned" : "",
     own.waiting.includes(at) ? "waits" : "",
     own.values[at] !== own.reference[at] ? "changed" : "",
   ]
@@ -282,13 +318,15 @@ function cellTitle(own: EditedTable, at: number): string {
   const deviation = own.deviation?.[at];
   return [
     `${significant(own.values[at]!, 6)} ${own.unit}`,
-    own.values[at] === own.reference[at] ? "" : `reference ${significant(own.reference[at]!, 6)}`,
+    own.values[at] === own.reference[at] ? "" : `${own.referenceTitle} ${significant(own.reference[at]!, 6)}`,
     deviation === undefined
       ? ""
       : deviation === null
         ? "undetermined"
         : `standard deviation ${significant(deviation, 3)}`,
     own.samples === null ? "" : `${own.samples[at]} samples`,
+    own.locked.includes(at) ? "locked" : "",
+    own.pinned.includes(at) ? "pinned" : "",
     coverTitle(own, at),
     own.waiting.includes(at) ? "an edit waits for the end of the run" : "",
   ]

@@ -6,7 +6,7 @@ import { significant } from "../drawing/numbers";
 import { Icon } from "../icons";
 import type { ProposalRow } from "../replies";
 import { scoped } from "../scope";
-import { message, request, settled } from "../store";
+import { message, request, screen, settled } from "../store";
 
 export const proposals = scoped<ProposalRow[]>([]);
 const problems = scoped<string[]>([]);
@@ -89,6 +89,28 @@ export function Proposals() {
         </div>
       ))}
     </div>
+  );
+}
+
+/** Adds all proposals where they are not listed; if one of them is open to choose, shows the list. */
+export function AddProposals() {
+  const all = proposals.value;
+  if (all.length === 0) return null;
+  const open = all.filter((each) => !complete(each));
+  const count = all.length === 1 ? "1 proposal" : `${all.length} proposals`;
+  return (
+    <button
+      class="btn small"
+      id="add-proposals"
+      disabled={adding.value}
+      title={all.map((each) => each.title).join("\n")}
+      onClick={() => {
+        if (open.length === 0) void add(all);
+        else screen.value = "function";
+      }}
+    >
+      {adding.value ? "Trying them out" : open.length === 0 ? `Add ${count}` : count}
+    </button>
   );
 }
 

@@ -7,6 +7,7 @@ import { drawSlice, type SliceData } from "../drawing/slices";
 import type { EditedTable } from "../replies";
 import { endDrag, selection, setValues, theme } from "../store";
 import { placesOf } from "./coverage";
+import { shownMarks } from "./map-table";
 import { cellAt } from "./table-cells";
 import { describeCells } from "./table-edits";
 
@@ -27,7 +28,7 @@ function sliceOf(own: EditedTable, axis: 0 | 1): SliceData {
   return {
     points,
     now: pick(own.values),
-    before: pick(own.reference),
+    before: shownMarks.value.ghost ? pick(own.reference) : null,
     deviation: own.deviation && pick(own.deviation),
     empty: own.samples && pick(own.samples).map((count) => count === 0),
     active: selection.value.active[axis]!,
@@ -95,7 +96,7 @@ export function Slice({ own, axis }: { own: EditedTable; axis: 0 | 1 }) {
     return close;
   }, [axis]);
 
-  useLayoutEffect(() => redraw.current(), [own, selection.value, theme.value, placesOf(own)]);
+  useLayoutEffect(() => redraw.current(), [own, selection.value, theme.value, placesOf(own), shownMarks.value]);
   return <div class="canvas" ref={host} aria-label={`Slice of ${own.name} over ${own.axes[axis]?.input}`} />;
 }
 

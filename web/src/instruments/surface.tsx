@@ -8,6 +8,7 @@ import { Surface as Drawing, type SurfaceMap } from "../drawing/surface";
 import type { EditedTable } from "../replies";
 import { endDrag, referenceName, selection, setValues, theme } from "../store";
 import { coverOf, placesOf } from "./coverage";
+import { shownMarks } from "./map-table";
 import { cellAt, size } from "./table-cells";
 import { describeCells } from "./table-edits";
 
@@ -19,7 +20,7 @@ function mapOf(own: EditedTable): SurfaceMap {
     y: axis(1),
     unit: own.unit,
     now: own.values,
-    reference: own.reference,
+    reference: shownMarks.value.ghost ? own.reference : null,
     empty,
     tints: coverOf(own)?.tints,
   };
@@ -103,7 +104,10 @@ export function Surface({ own }: { own: EditedTable }) {
     return close;
   }, []);
 
-  useLayoutEffect(() => redraw.current(), [own, selection.value, theme.value, coverOf(own), placesOf(own)]);
+  useLayoutEffect(
+    () => redraw.current(),
+    [own, selection.value, theme.value, coverOf(own), placesOf(own), shownMarks.value],
+  );
   return (
     <div class="body">
       <div class="canvas fill" ref={host} aria-label={`Surface of ${own.name}, now and reference`} />

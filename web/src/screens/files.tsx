@@ -265,7 +265,7 @@ function Differences() {
           <Icon name="done" /> Both hold the same {result.compared} names with the same values, axes and units.
         </p>
       )}
-      <div class="items" tabIndex={0} aria-label="Differences" onKeyDown={move}>
+      <div class="items" role="region" tabIndex={0} aria-label="Differences" onKeyDown={move}>
         {rows.length > 0 && (
           <table class="list pt" id="differences">
             <thead>

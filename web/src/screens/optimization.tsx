@@ -2,19 +2,19 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "../connection";
-import { area, line, type Pen, ticks } from "../drawing/canvas";
+import { type Area, area, line, type Pen, ticks } from "../drawing/canvas";
 import { token } from "../drawing/colours";
 import { drawGrid } from "../drawing/grid";
-import { count, MISSING, significant } from "../drawing/numbers";
+import { count, MISSING, significant, unitText } from "../drawing/numbers";
 import { drawCurves } from "../drawing/slices";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
+import { FindingLine } from "../instruments/finding";
 import { Picture } from "../instruments/picture";
-import { showFinding } from "../navigation";
 import type { CoarseTable, StartRow, StepRow } from "../replies";
 import { run, view } from "../runs";
 import { scoped } from "../scope";
-import { isRunning, jobTitle, open, request, screen, settled, state } from "../store";
+import { blocking, isRunning, jobTitle, open, request, screen, settled, state } from "../store";
 import { OutcomeBody, OutcomeHead } from "./optimization/outcome";
 import { RunOptions } from "./optimization/resume";
 import { OptimizationSettings } from "./optimization/settings";
@@ -102,7 +102,7 @@ export function Optimization() {
           ) : (
             <p class="pad q">
               The course of the search appears here.{" "}
-              <button class="btn small" onClick={run}>
+              <button class="btn small" disabled={blocking.value !== null} title={blocking.value?.text} onClick={run}>
                 Run
               </button>
             </p>
@@ -143,7 +143,9 @@ function Settings() {
       <table class="list">
         <thead>
           <tr>
-            <th />
+            <th>
+              <span class="unseen">fitted</span>
+            </th>
             <th>parameter</th>
             <th class="num">values</th>
             <th>unit</th>
@@ -166,7 +168,7 @@ function Settings() {
                 <b>{p.name}</b>
               </td>
               <td class="num">{p.shape.reduce((a, b) => a * b, 1)}</td>
-              <td class="q">{p.unit}</td>
+              <td class="q">{unitText(p.unit)}</td>
               <td class="num q">{p.withoutData || MISSING}</td>
             </tr>
           ))}
@@ -184,23 +186,17 @@ function Settings() {
         </span>
       </div>
       <div class="cks">
-        <div class="ck g">
-          <Icon name="done" />
-          <span class="grow">
-            {count(freeValues)} values of {parameters.filter((p) => p.free).length} parameters;{" "}
-            {count(samples("training"))} training and {count(samples("test"))} test samples
-          </span>
-        </div>
-        {findings.map((f) => (
-          <div class={`ck ${f.severity === "remark" ? "i" : "w"}`}>
-            <Icon name={f.severity === "remark" ? "find" : "warning"} />
-            <span class="grow">{f.text}</span>
-            {f.severity !== "remark" && (
-              <button class="btn small" onClick={() => showFinding(f)}>
-                Show
-              </button>
-            )}
+        {blocking.value === null && (
+          <div class="ck g">
+            <Icon name="done" />
+            <span class="grow">
+              {count(freeValues)} values of {parameters.filter((p) => p.free).length} parameters;{" "}
+              {count(samples("training"))} training and {count(samples("test"))} test samples
+            </span>
           </div>
+        )}
+        {findings.map((f) => (
+          <FindingLine key={f.text} own={f} />
         ))}
       </div>
     </section>
@@ -208,17 +204,22 @@ function Settings() {
 }
 
 function Starts() {
+  const folds = state.value.job.validates;
   const best = Math.min(...progress.value.starts.map((row) => row.cost ?? Infinity));
   return (
     <section class="pane sts">
       <div class="head">
-        <h2>Starts</h2>
-        <span class="sub">the first from the present values, the others spread around it</span>
+        <h2>{folds ? "Folds" : "Starts"}</h2>
+        <span class="sub">
+          {folds
+            ? "each part of the data is held out once, and scored with the values of the others"
+            : "the first from the present values, the others spread around it"}
+        </span>
       </div>
       <table class="list">
         <thead>
           <tr>
-            <th class="num">start</th>
+            <th class="num">{folds ? "fold" : "start"}</th>
             <th>state</th>
             <th>stage</th>
             <th class="num">iterations</th>
@@ -226,7 +227,9 @@ function Starts() {
             <th class="num">cost</th>
             <th class="num">RMSE</th>
             <th class="num">time</th>
-            <th />
+            <th>
+              <span class="unseen">best</span>
+            </th>
           </tr>
         </thead>
         <tbody>
@@ -255,6 +258,30 @@ function Starts() {
 
 const cost = (value: number | null): string => (value === null ? MISSING : significant(value, 5));
 
+/** Where the stages of the search begin, with their names; of one start alone, those of several lie over each other. */
+function drawStages(pen: Pen, plot: Area, width: number): void {
+  const [only, ...others] = progress.value.starts;
+  if (only === undefined || others.length > 0 || only.stages.length < 2) return;
+  pen.textAlign = "left";
+  pen.textBaseline = "top";
+  let free = plot.box.left; // where the last name ends
+  for (const { name, begin } of only.stages) {
+    const at = Math.round(plot.x(begin + 0.5)) + 0.5;
+    pen.strokeStyle = token("edge");
+    pen.setLineDash([3, 3]);
+    pen.beginPath();
+    pen.moveTo(at, plot.box.top);
+    pen.lineTo(at, plot.box.bottom);
+    pen.stroke();
+    pen.setLineDash([]);
+    const wide = pen.measureText(name).width;
+    if (at + 4 < free || at + 4 + wide > width - 8) continue;
+    pen.fillStyle = token("quiet");
+    pen.fillText(name, at + 4, plot.box.top + 3);
+    free = at + wide + 12;
+  }
+}
+
 /** Logarithmic: an iteration at the start changes more than a thousand at the end. */
 function drawCourse(pen: Pen, width: number, height: number): void {
   const lines = progress.value.starts.map(
@@ -266,48 +293,30 @@ function drawCourse(pen: Pen, width: number, height: number): void {
   ];
   if (!(high > 0 && low > 0)) return;
   const box = { left: 56, right: width - 60, top: 10, bottom: height - 36 };
-  const scale = (value: number) => Math.log10(value);
-  const range = [
-    scale(low) - 0.03 * (scale(high) - scale(low) + 0.01),
-    scale(high) + 0.03 * (scale(high) - scale(low) + 0.01),
-  ] as const;
+  const edge = (high / low) ** 0.03 * 1.002;
   const most = Math.max(2, ...lines.map((l) => l.length));
-  const plot = area(pen, box, [0, most], range, { yTicks: [], title: "iteration", xTicks: ticks(0, most, 8) });
-  pen.fillStyle = token("quiet");
-  pen.textAlign = "right";
-  pen.textBaseline = "middle";
-  const marks = [0, 0.25, 0.5, 0.75, 1].map((share) => 10 ** (range[0] + share * (range[1] - range[0])));
-  for (const mark of marks) {
-    const y = Math.round(plot.y(scale(mark))) + 0.5;
-    pen.fillText(significant(mark, 3), box.left - 5, y);
-    pen.strokeStyle = token("grid");
-    pen.beginPath();
-    pen.moveTo(box.left, y);
-    pen.lineTo(box.right, y);
-    pen.stroke();
-  }
+  const plot = area(pen, box, [0, most], [low / edge, high * edge], {
+    title: "iteration",
+    xTicks: ticks(0, most, 8),
+    scale: "log",
+  });
+  drawStages(pen, plot, width);
   progress.value.starts.forEach((row, k) => {
     const values = lines[k]!;
     const colour = token(row.state === "running" ? "model" : progress.value.starts.length > 1 ? "before" : "model");
     const xs = Float64Array.from(values, (_, i) => plot.x(i + 1));
-    line(
-      pen,
-      xs,
-      Float64Array.from(values, (v) => plot.y(scale(v))),
-      colour,
-      1.4,
-    );
+    line(pen, xs, Float64Array.from(values, plot.y), colour, 1.4);
     if (!values.length) return;
     pen.fillStyle = colour;
     pen.beginPath();
-    pen.arc(xs[xs.length - 1]!, plot.y(scale(values[values.length - 1]!)), 3.5, 0, 7);
+    pen.arc(xs[xs.length - 1]!, plot.y(values[values.length - 1]!), 3.5, 0, 2 * Math.PI);
     pen.fill();
     pen.textAlign = "left";
     pen.textBaseline = "bottom";
     pen.fillText(
-      progress.value.starts.length > 1 ? `start ${row.start}` : "",
+      progress.value.starts.length > 1 ? `${state.value.job.validates ? "fold" : "start"} ${row.start}` : "",
       xs[xs.length - 1]! + 6,
-      plot.y(scale(values[values.length - 1]!)) - 3,
+      plot.y(values[values.length - 1]!) - 3,
     );
   });
 }
@@ -321,7 +330,7 @@ function SmallTable({ own }: { own: CoarseTable }) {
     <div class="mm">
       <div class="mt">
         <b>{own.name}</b>
-        <span class="q">{own.unit}</span>
+        <span class="q">{unitText(own.unit)}</span>
       </div>
       <Picture label={own.name} draw={draw} of={[own]} />
     </div>

@@ -1,14 +1,17 @@
 // The parameters: a list, what the fit may do with each, and the editor of one.
 
-import { computed, signal } from "@preact/signals";
+import { computed } from "@preact/signals";
 import { useLayoutEffect, useRef } from "preact/hooks";
+import { folder, source } from "../calibrations";
+import { nameOfSet } from "../comparison";
 import { extent } from "../drawing/canvas";
 import { height as heightColour } from "../drawing/colours";
 import { count, MISSING, plain, significant } from "../drawing/numbers";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
+import { areAll, fitOnly, toggleLocks, togglePins, whyUnfit } from "../instruments/cell-marks";
 import { EvidencePane } from "../instruments/evidence";
-import { applyEdit, MapTable, type Shown } from "../instruments/map-table";
+import { applyEdit, MapTable, type Shown, shownMarks } from "../instruments/map-table";
 import { Proposals } from "../instruments/proposals";
 import { SettingsButton } from "../instruments/settings-panel";
 import { Slice } from "../instruments/slices";
@@ -18,14 +21,14 @@ import { describeCells, readEdit } from "../instruments/table-edits";
 import { panel } from "../navigation";
 import type { EditedTable, ParameterRow } from "../replies";
 import { scoped } from "../scope";
-import { open, openName, referenceName, screen, selection, state, table } from "../store";
+import { open, openName, referenceName, request, screen, selection, state, table } from "../store";
 import { CoverageChips } from "./parameters/coverage-chips";
 import { ParameterSettings } from "./parameters/settings";
 import { Properties } from "./properties";
 
 const search = scoped("");
 const filter = scoped<"all" | "changed" | "at bound" | "no data">("all");
-const shown = signal<Shown>({ mode: "value", empty: true, deviation: true });
+const sorting = scoped<keyof typeof SORTINGS>("name");
 
 const FILTERS = {
   all: () => true,
@@ -33,6 +36,42 @@ const FILTERS = {
   "at bound": (p: ParameterRow) => p.atBound > 0,
   "no data": (p: ParameterRow) => p.withoutData > 0,
 } as const;
+
+/** Orders of the list: what needs attention first. */
+const SORTINGS = {
+  name: null,
+  change: (p: ParameterRow) => p.change ?? 0,
+  weakness: (p: ParameterRow) => weakness(p),
+  unused: (p: ParameterRow) => (p.unused ? 2 : p.withoutData / size(p)),
+} as const;
+const TITLES: Record<keyof typeof SORTINGS, string> = {
+  name: "As the function names them",
+  change: "Largest change against the reference first, relative to the largest value",
+  weakness: "Least known first: median standard deviation relative to the span of the table",
+  unused: "Without effect or data first, then by the share of values without data",
+};
+
+const size = (p: ParameterRow): number => p.shape.reduce((product, length) => product * length, 1);
+
+/** How little is known of a parameter: undetermined before known ones; without a run, by its share without data. */
+function weakness(p: ParameterRow): number {
+  if (p.undetermined) return Number.MAX_VALUE;
+  return p.deviation ?? (p.unused ? Number.MAX_VALUE : p.withoutData / size(p));
+}
+
+function sorted(rows: ParameterRow[]): ParameterRow[] {
+  const rank = SORTINGS[sorting.value];
+  return rank === null ? rows : rows.toSorted((a, b) => rank(b) - rank(a));
+}
+
+/** What the sorting goes by, beside the name of the parameter. */
+function sortedBy(p: ParameterRow): string {
+  if (sorting.value === "change") return p.change ? `${significant(p.change * 100, 2)} %` : "";
+  if (sorting.value === "unused") return p.unused ? "unused" : p.withoutData ? `${p.withoutData} empty` : "";
+  if (sorting.value !== "weakness") return "";
+  if (p.undetermined) return "open";
+  return p.deviation === null ? "" : `± ${significant(p.deviation * 100, 2)} %`;
+}
 
 export function Parameters() {
   const own = table.value;
@@ -57,6 +96,9 @@ export function Parameters() {
         <Key keys={["=", "*", "/"]} text="arithmetic" />
         <Key keys={["i"]} text="interpolate" />
         <Key keys={["s"]} text="smooth" />
+        <Key keys={["l"]} text="lock" />
+        <Key keys={["p"]} text="pin" />
+        <Key keys={["e"]} text="evidence" />
         <Key keys={["Del"]} text="reference" />
       </Footer>
     </>
@@ -101,11 +143,26 @@ function List() {
               {name} <i>{all.filter(FILTERS[name]).length}</i>
             </button>
           ))}
+          <select
+            class="field small"
+            aria-label="Sort the parameters"
+            title={TITLES[sorting.value]}
+            value={sorting.value}
+            onChange={(event) => {
+              sorting.value = event.currentTarget.value as keyof typeof SORTINGS;
+            }}
+          >
+            {(Object.keys(SORTINGS) as (keyof typeof SORTINGS)[]).map((name) => (
+              <option value={name} title={TITLES[name]}>
+                by {name}
+              </option>
+            ))}
+          </select>
         </div>
       </div>
       <div class="items">
-        {visible.map((p) => (
-          <Item own={p} />
+        {sorted(visible).map((p) => (
+          <Item key={p.name} own={p} />
         ))}
       </div>
       {isOpen.value && <OpenProperties />}
@@ -142,6 +199,7 @@ function Item({ own }: { own: ParameterRow }) {
           {own.unit && own.unit !== "-" ? ` · ${own.unit}` : ""}
         </small>
       </div>
+      <span class="q by">{sortedBy(own)}</span>
       {own.changed > 0 && <span class="dotmark" title="changed" />}
     </div>
   );
@@ -184,6 +242,7 @@ function paintThumbnail(canvas: HTMLCanvasElement | null, rows: number[][]): voi
 }
 
 function Bar({ own }: { own: EditedTable | null }) {
+  const shown = shownMarks;
   const set = (part: Partial<Shown>) => {
     shown.value = { ...shown.value, ...part };
   };
@@ -206,6 +265,7 @@ function Bar({ own }: { own: EditedTable | null }) {
               </button>
             ))}
           </span>
+          <ReferenceChoice />
           <span class="sep" />
           <button class="chip" aria-pressed={shown.value.empty} onClick={() => set({ empty: !shown.value.empty })}>
             <span class="sw hatched" />
@@ -225,6 +285,36 @@ function Bar({ own }: { own: EditedTable | null }) {
         </div>
       </div>
     </section>
+  );
+}
+
+/** What the values are compared with: the last run, or else what is chosen here. */
+function ReferenceChoice() {
+  const { reference, runs } = state.value;
+  const files = folder.value.files.map((each) => `file:${each.name}`);
+  const known = ["start", ...runs.map((run) => String(run.number)), ...files];
+  const options = known.includes(reference.key) ? known : [...known, reference.key];
+  const last = runs.at(-1);
+  const automatic = last === undefined ? "start" : `run ${last.number}, last`;
+  return (
+    <label class="against">
+      <span class="q">against</span>
+      <select
+        class="field small"
+        aria-label="Compare with"
+        title={`Compared with ${referenceName.value}`}
+        value={reference.chosen ? reference.key : ""}
+        onChange={(event) => {
+          const { value } = event.currentTarget;
+          void request("choose-reference", { source: value === "" ? null : source(value) });
+        }}
+      >
+        <option value="">{automatic}</option>
+        {options.map((key) => (
+          <option value={key}>{nameOfSet(key)}</option>
+        ))}
+      </select>
+    </label>
   );
 }
 
@@ -249,7 +339,7 @@ function Editor({ own }: { own: EditedTable }) {
     <>
       <section class="pane tbl">
         <div class="scroll">
-          <MapTable own={own} shown={shown.value} />
+          <MapTable own={own} shown={shownMarks.value} />
         </div>
         <SelectionBar own={own} />
       </section>
@@ -300,19 +390,61 @@ function SelectionBar({ own }: { own: EditedTable }) {
   };
   return (
     <div class="selbar">
-      <span class="ink">
+      <span class="ink fixed">
         {chosen.x[1] - chosen.x[0] + 1} × {chosen.y[1] - chosen.y[0] + 1}
       </span>
-      {own.axes.slice(0, 2).map((axis, k) => (
-        <>
-          <span class="q">{axis.input}</span> {reach(k as 0 | 1, k === 0 ? chosen.x : chosen.y)}
-        </>
-      ))}
+      <span class="cut reach">
+        {own.axes.slice(0, 2).map((axis, k) => (
+          <>
+            <span class="q">{axis.input}</span> {reach(k as 0 | 1, k === 0 ? chosen.x : chosen.y)}{" "}
+          </>
+        ))}
+      </span>
       <span class="sep" />
-      <span class="q">least</span> {significant(least)} <span class="q">mean</span> {significant(mean)}{" "}
-      <span class="q">greatest</span> {significant(greatest)}
+      <span class="cut stats">
+        <span class="q">least</span> {significant(least)} <span class="q">mean</span> {significant(mean)}{" "}
+        <span class="q">greatest</span> {significant(greatest)}
+      </span>
+      <CellMarks own={own} />
       <ValueField own={own} />
     </div>
+  );
+}
+
+/** Locks, pins, and a fit of the selection alone. */
+function CellMarks({ own }: { own: EditedTable }) {
+  const [locked, pinned, unfit] = [areAll(own, own.locked), areAll(own, own.pinned), whyUnfit(own)];
+  return (
+    <span class="marks right">
+      <button
+        class="btn small"
+        aria-pressed={locked}
+        title={`${locked ? "Let the fit change the selected values" : "Keep the selected values in every fit"} (l)`}
+        onClick={() => toggleLocks(own)}
+      >
+        {locked ? "Unlock" : "Lock"}
+      </button>
+      <button
+        class="btn small"
+        aria-pressed={pinned}
+        title={`${pinned ? "Remove the pins of the selected values" : "Fix the table here at the present values, also if breakpoints move"} (p)`}
+        onClick={() => togglePins(own)}
+      >
+        {pinned ? "Unpin" : "Pin"}
+      </button>
+      <button
+        class="btn small"
+        disabled={unfit !== ""}
+        title={
+          unfit
+            ? `The selection cannot be fitted: ${unfit}`
+            : "Fit this selection: a run in which all other values are held"
+        }
+        onClick={() => fitOnly(own)}
+      >
+        Fit
+      </button>
+    </span>
   );
 }
 
@@ -329,7 +461,7 @@ function ValueField({ own }: { own: EditedTable }) {
     input.select();
   };
   return (
-    <span class="right">
+    <span class="row">
       <input
         class="field small num"
         aria-label={`Value of ${describeCells(own, selection.value)}`}

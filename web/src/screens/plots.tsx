@@ -71,7 +71,7 @@ export function Plots() {
             <BrushBar />
           </div>
         ) : (
-          <section class="pane strip-pane">
+          <section class="pane strip-pane" data-figure={`Strips of ${dataset.value?.name ?? ""}`}>
             <div class="ov">
               <div class="leg">
                 <span class="q cut">whole {dataset.value?.name}</span>

@@ -28,6 +28,7 @@ import { ByFilePane } from "./results/by-file";
 import { ChangesPane } from "./results/changes";
 import { ExportPane } from "./results/export";
 import { HistoryPane } from "./results/history";
+import { LimitsPane } from "./results/limits";
 import { IfPinned } from "./results/pinned";
 import { Surfaces } from "./results/surfaces";
 import { TrustPane } from "./results/trust";
@@ -62,6 +63,7 @@ export function Results() {
         </section>
         <ChangesPane />
         <div class="side">
+          <LimitsPane />
           <TrustPane />
           <ByFilePane />
           <section class="pane ep">

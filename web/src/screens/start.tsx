@@ -95,18 +95,22 @@ function RecentProjects() {
       {known.value.recent.length === 0 ? (
         <p class="pad q">Projects that you open are listed here. Open a demo, or drop a recording on the right.</p>
       ) : (
-        <div class="items" tabIndex={0} aria-label="Recent projects" onKeyDown={move}>
+        <div class="items" role="region" tabIndex={0} aria-label="Recent projects" onKeyDown={move}>
           <table class="list tall" id="recent">
             <thead>
               <tr>
                 <th>project</th>
                 <th class="num">RMSE training</th>
                 <th class="num">RMSE test</th>
-                <th />
+                <th>
+                  <span class="unseen">unit</span>
+                </th>
                 <th>error</th>
                 <th>state</th>
                 <th class="num">opened</th>
-                <th />
+                <th>
+                  <span class="unseen">forget</span>
+                </th>
               </tr>
             </thead>
             <tbody>

@@ -211,7 +211,8 @@ def _run_row(session: Session, run: Run) -> SetRow:
         SetScore(name, _unit(session, name), *(_rmse(result.quality, name, use) for use in ("training", "test")))
         for name in names
     ]
-    detail = f"{result.status} · {result.iterations} it. · {sum(vars(result.seconds).values()):.2g} s"
+    part = f"{run.part} only · " if run.part else ""
+    detail = f"{part}{result.status} · {result.iterations} it. · {sum(vars(result.seconds).values()):.2g} s"
     return SetRow(str(run.number), f"run {run.number}", detail, run.ended, scores)
 
 

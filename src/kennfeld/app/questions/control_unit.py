@@ -256,6 +256,7 @@ class UnitCommand:
         inputs: whether inputs of an FMU that are set before a step count at its start or its end.
         step: of an FMU in s; null for that of the function or its data.
         folder: of the project's folder.
+        signals: write what the function calculates over all data, as MDF.
         force: replace files that exist with another content.
     """
 
@@ -269,6 +270,7 @@ class UnitCommand:
     inputs: Literal["start", "end"] = "end"
     step: float | None = None
     folder: str = FOLDER
+    signals: bool = False
     force: bool = False
 
 
@@ -435,7 +437,7 @@ def write_unit(session: Session, asked: UnitCommand) -> WrittenUnit | ExistingFi
     known = {*formats(session).formats}
     if unknown := [each for each in asked.formats if each not in known]:
         raise ArgumentError(f"unknown format {unknown[0][:20]!r}")
-    own = unit_files(session, values, languages, list(dict.fromkeys(asked.formats)))
+    own = unit_files(session, values, languages, list(dict.fromkeys(asked.formats)), signals=asked.signals)
     if not asked.force and (existing := existing_files(session, asked.folder, own.files)):
         return ExistingFiles(existing)
     written = write_together(session, asked.folder, own.files)

@@ -235,7 +235,7 @@ def designs(session: Session) -> Designs:
     work, view = session.design_work, session.view
     findings: DesignFindings | None = work.outcome
     problem = None if view is None else view.model.problem
-    last = session.runs[-1].result.trust if session.runs else None
+    last = None if session.last_whole_run is None else session.last_whole_run.result.trust
     fitted = [] if problem is None else problem.fitted_datasets
     old = work.subject != session.subject
     return Designs(

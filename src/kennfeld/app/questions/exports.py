@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from kennfeld.app.folders import writable
+from kennfeld.app.desktop import has_desktop, open_on_desktop
+from kennfeld.app.folders import confined, writable
 from kennfeld.app.questions.calibrations import ExistingFile, RoundedRow, rounded
 from kennfeld.app.session.calibration_source import initial_image, is_image
 from kennfeld.app.session.runs import Run
@@ -26,6 +27,7 @@ from kennfeld.optimize.search.problem_digest import problem_digest
 from kennfeld.project import Project
 from kennfeld.project.results import FOLDER, RESULT, results_folder, write_text
 
+SHOWN = (".html", ".csv", ".json", ".mf4", ".mat", ".parquet", ".lab")  # results that are opened, beside values
 SCRIPT = '''\
 """Repeat a calibration."""
 
@@ -52,12 +54,14 @@ class ExportFormats:
         own: those of the project.
         folder: the results folder.
         stored: true if it has the files of a run.
+        opens: true if files can be opened on the desktop of this machine.
     """
 
     formats: Sequence[str]
     own: Sequence[str]
     folder: str
     stored: bool
+    opens: bool
 
 
 @dataclass(frozen=True)
@@ -81,6 +85,13 @@ class ExportCommand:
     stored: bool = False
     simulation: str = ""
     force: bool = False
+
+
+@dataclass(frozen=True)
+class OpenedFile:
+    """A file of the project's folder to open; empty for the results folder."""
+
+    file: str = ""
 
 
 @dataclass(frozen=True)
@@ -108,6 +119,7 @@ def formats(session: Session) -> ExportFormats:
         own=own,
         folder=str(_folder(session)),
         stored=(_folder(session) / RESULT).is_file(),
+        opens=has_desktop(),
     )
 
 
@@ -136,6 +148,20 @@ def export(session: Session, asked: ExportCommand) -> ExportedFiles | ExistingFi
         evaluates = asked.simulation or asked.whole or asked.report or asked.stored
         project = stack.enter_context(session.evaluated()) if evaluates else session.project
         return _export(session, project, asked, script)
+
+
+def open_file(session: Session, asked: OpenedFile) -> None:
+    """Open a file of the project, or the results folder, on the desktop of the user.
+
+    Raises:
+        ArgumentError: it is not a file of the folder, of a kind that is not written here, or there is no desktop.
+    """
+    folder = _folder(session) if _folder(session).is_dir() else session.path.parent
+    path = confined(session.path.parent, asked.file) if asked.file else folder.resolve()
+    # a desktop runs files of other kinds, scripts for instance, that somebody has put into the folder
+    if asked.file and path.suffix.lower() not in (*endings(), *SHOWN):
+        raise ArgumentError(f"{path.name} is not of a kind that is opened here; open its folder instead")
+    open_on_desktop(path)
 
 
 def _script(session: Session, asked: ExportCommand) -> tuple[Path, str]:
@@ -185,7 +211,7 @@ def _export(
     if script is not None:
         written.append(write_text(script[1], script[0]))
     files = [path.relative_to(session.path.parent).as_posix() for path in dict.fromkeys(written)]
-    return ExportedFiles(files, [str(f) for f in findings], rounding)
+    return ExportedFiles(files, list(dict.fromkeys(map(str, findings))), rounding)
 
 
 def _write_simulation(session: Session, project: Project, ending: str, findings: Findings) -> Path:
@@ -222,6 +248,8 @@ def _result(session: Session, project: Project) -> Result:
 
 def _change_since(run: Run, project: Project, now: ParameterSet) -> str:
     """Return what has changed since a run ended; empty if its result is that of the present values and data."""
+    if run.part:
+        return f"Only {run.part} was fitted in"
     problem, result = project.problem(), run.result.parameters
     if run.problem is not None and run.problem is not problem:
         first, second = (problem_digest(each, project.options) for each in (run.problem, problem))

@@ -1,8 +1,11 @@
 """The function of a project that an importer reads: what a page shows of it, and its parts."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from statistics import median
 from typing import Any, Literal
 
+from kennfeld.app.questions import recordings
 from kennfeld.app.questions.overview import NamedUnit
 from kennfeld.app.session.function_source import ImportSource
 from kennfeld.app.session.session import Session
@@ -76,7 +79,11 @@ class BlockRow:
 
 @dataclass(frozen=True)
 class BlockingBlock:
-    """A block that is not supported; `undefined` are variables that it lacks."""
+    """A block that is not supported; `undefined` are variables that it lacks.
+
+    Attributes:
+        needs_step: a fixed step of the function is what it lacks.
+    """
 
     path: str
     type: str
@@ -84,6 +91,7 @@ class BlockingBlock:
     remedy: str
     stops: bool
     undefined: Sequence[str]
+    needs_step: bool = False
 
 
 @dataclass(frozen=True)
@@ -164,6 +172,7 @@ class ImportedFunction:
         loops: paths of blocks that depend on each other.
         missing: names that are not declared.
         calls: methods in the order of their calls.
+        data_step: of the recordings in s, if a block needs a fixed step of the function.
     """
 
     file: str
@@ -201,6 +210,7 @@ class ImportedFunction:
     schedule: Sequence[ScheduleRow] | Absent = ABSENT
     states: Sequence[StateRow] | Absent = ABSENT
     places: Sequence[SourcePlace] | Absent = ABSENT
+    data_step: float | Absent | None = ABSENT
 
 
 @dataclass(frozen=True)
@@ -239,9 +249,18 @@ def imported(session: Session) -> ImportedFunction:
     if refused:
         return _imported({**head, "sources": [], "problems": problem_views(refused)})
     try:
-        return _imported({**head, **call(source.importer.view, source.request, session.path.parent)})
+        own = _imported({**head, **call(source.importer.view, source.request, session.path.parent)})
+        blocking = () if isinstance(own.blocking, Absent) else own.blocking
+        return replace(own, data_step=data_step(session)) if any(each.needs_step for each in blocking) else own
     except InputError as error:
         return _imported({**head, "sources": [], "problems": problem_views(error.findings)})
+
+
+def data_step(session: Session) -> float | None:
+    """Return the median of the steps of the recordings in s; None if none has time stamps."""
+    files = (file for entry in recordings.files(session).datasets for file in entry.files)
+    steps = [file.step for file in files if isinstance(file.step, float) and file.step > 0]
+    return float(f"{median(steps):.6g}") if steps else None
 
 
 def _imported(view: Mapping[str, Any]) -> ImportedFunction:

@@ -7,9 +7,19 @@ from typing import Any, Literal
 import numpy as np
 
 from kennfeld.app.answer import finite
+from kennfeld.app.questions.fixes import FixRow, fix_rows
 from kennfeld.app.questions.pictures import thumbnail
+from kennfeld.app.questions.recordings import used_numbers
 from kennfeld.app.recent import project_id
 from kennfeld.app.session.live_model import LiveDataset
+from kennfeld.app.session.reference import (
+    deviation_of,
+    reference_set,
+    reference_table,
+    relative_change,
+    relative_deviation,
+)
+from kennfeld.app.session.reference_set import ReferenceSet
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.side_work import SideWork
 from kennfeld.app.session.view import View
@@ -51,6 +61,7 @@ class FindingRow:
         message: the message alone.
         path: place within the file: `[model] step`.
         screen: the screen on which it is solved.
+        fixes: changes of the project file that solve it.
     """
 
     severity: Severity
@@ -61,6 +72,7 @@ class FindingRow:
     column: int
     path: str
     screen: Screen
+    fixes: Sequence[FixRow]
 
 
 @dataclass(frozen=True)
@@ -114,10 +126,20 @@ class SearchState:
 
 @dataclass(frozen=True)
 class RunRow:
-    """A calibration of this session."""
+    """A calibration of this session; `part` are the values that it fitted, in words, empty if all."""
 
     number: int
     status: str
+    part: str
+
+
+@dataclass(frozen=True)
+class ReferenceRow:
+    """The set that present values are compared with: "start", the number of a run or "file:NAME", and in words."""
+
+    key: str
+    title: str
+    chosen: bool
 
 
 @dataclass(frozen=True)
@@ -137,7 +159,14 @@ class ScoreRow:
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """A parameter of the function, with numbers of its values."""
+    """A parameter of the function, with numbers of its values.
+
+    Attributes:
+        change: largest change against the reference, relative to the largest value.
+        deviation: median standard deviation after the last run, relative to the span of the values; null if it is not
+            known, or if most values are undetermined, which `undetermined` says.
+        unused: true if no criterion depends on it, or no training sample looks it up.
+    """
 
     name: str
     kind: str
@@ -148,6 +177,10 @@ class ParameterRow:
     changed: int
     at_bound: int
     without_data: int
+    change: float | None
+    deviation: float | None
+    undetermined: bool
+    unused: bool
     thumbnail: Sequence[Sequence[float]]
 
 
@@ -161,8 +194,14 @@ class NamedUnit:
 
 @dataclass(frozen=True)
 class DatasetRow:
-    """A dataset; `pieces` are the positions at which its pieces but the first begin."""
+    """A dataset.
 
+    Attributes:
+        number: in the project file, from 1 on; those that are off count there.
+        pieces: the positions at which its pieces but the first begin.
+    """
+
+    number: int
     name: str
     use: str
     samples: int
@@ -199,6 +238,7 @@ class AppState:
         changed_on_disk: files of the project that another program has changed, each with how.
         waiting: titles of edits that wait for the end of the run.
         text_revision: changes with the project file and the function.
+        interrupted: the user has stopped the reading of the recordings, which are missing.
         excerpt: of data in partitions: samples that the screens show, and all samples; null if all are shown.
     """
 
@@ -219,6 +259,7 @@ class AppState:
     seconds: float
     changed_on_disk: Sequence[str]
     recoverable: bool
+    interrupted: bool
     function: ShownFunction
     nodes: Sequence[NamedUnit] | Absent = ABSENT
     inputs: Sequence[str] | Absent = ABSENT
@@ -228,6 +269,7 @@ class AppState:
     datasets: Sequence[DatasetRow] | Absent = ABSENT
     criteria: Sequence[CriterionRow] | Absent = ABSENT
     excerpt: tuple[int, int] | Absent | None = ABSENT
+    reference: ReferenceRow | Absent = ABSENT
 
 
 @dataclass(frozen=True)
@@ -261,10 +303,11 @@ def overview(session: Session) -> AppState:
         TrainingState(training.state, training.file, round(training.seconds, 1), training.lines[-12:]),
         _search(session.term_search),
         _search(session.design_work),
-        [RunRow(run.number, run.result.status) for run in session.runs],
+        [RunRow(run.number, run.result.status, run.part) for run in session.runs],
         session.seconds,
         list(map(str, session.disk_changes)),
         session.recoverable,
+        session.interrupted,
         _function(session),
     )
     if session.view is not None:
@@ -296,13 +339,14 @@ def _nodes(graph: Graph) -> list[NamedUnit]:
 def _with_view(state: AppState, session: Session, view: View) -> AppState:
     """Return the state of a project that can be evaluated."""
     problem = view.model.problem
-    graph = problem.model.graph
+    graph, reference = problem.model.graph, reference_set(session)
     return replace(
         state,
+        reference=ReferenceRow(reference.key, reference.title, session.chosen_reference is not None),
         scores=_scores(session, view),
-        parameters=[_parameter(session, view, name) for name in graph.parameters],
+        parameters=[_parameter(session, view, name, reference) for name in graph.parameters],
         free_values=problem.free_size,
-        datasets=[_dataset(recording) for recording in view.model.recordings],
+        datasets=[_dataset(*each) for each in zip(_numbers(session, view), view.model.recordings, strict=True)],
         nodes=_nodes(graph),
         criteria=[CriterionRow(c.node, str(c.target), view.model.unit(i)) for i, c in enumerate(problem.criteria)],
         inputs=[problem.channels.get(name, name) for name in graph.inputs],
@@ -310,9 +354,16 @@ def _with_view(state: AppState, session: Session, view: View) -> AppState:
     )
 
 
-def _dataset(recording: LiveDataset) -> DatasetRow:
+def _numbers(session: Session, view: View) -> Sequence[int]:
+    """Return the numbers of the datasets in the project file, which may have other ones since it has errors."""
+    numbers, count = used_numbers(session), len(view.model.recordings)
+    return numbers if len(numbers) == count else range(1, count + 1)
+
+
+def _dataset(number: int, recording: LiveDataset) -> DatasetRow:
     position = recording.position
     return DatasetRow(
+        number=number,
         name=recording.name,
         use=recording.use,
         samples=recording.count,
@@ -335,6 +386,7 @@ def _finding(finding: Finding) -> FindingRow:
         column=location.column,
         path=location.path,
         screen=_screen_of(location),
+        fixes=fix_rows(finding),
     )
 
 
@@ -390,18 +442,23 @@ def _scores(session: Session, view: View) -> list[ScoreRow]:
     ]
 
 
-def _parameter(session: Session, view: View, name: str) -> ParameterRow:
-    table, initial = view.now.parameters[name], session.reference(name)
-    samples = view.samples.get(name)
+def _parameter(session: Session, view: View, name: str, reference: ReferenceSet) -> ParameterRow:
+    table, initial = view.now.parameters[name], reference_table(session, name, reference).values
+    samples, problem = view.samples.get(name), view.model.problem
+    deviation = relative_deviation(table, deviation_of(session, name))
     return ParameterRow(
         name=name,
         kind=table.kind,
         unit=table.unit,
         description=table.description,
         shape=table.values.shape,
-        free=name in view.model.problem.free_names,
-        changed=int(np.count_nonzero(table.values != initial.values)),
+        free=name in problem.free_names,
+        changed=int(np.count_nonzero(table.values != initial)),
         at_bound=int(np.count_nonzero(table.at_bound)),
         without_data=0 if samples is None else int(np.count_nonzero(samples == 0)),
+        change=finite(relative_change(table, initial)),
+        deviation=None if deviation is None else finite(deviation),
+        undetermined=deviation is not None and not np.isfinite(deviation),
+        unused=name in problem.unscored_names or (samples is not None and not samples.any()),
         thumbnail=thumbnail(table.values),
     )

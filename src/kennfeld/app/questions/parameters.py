@@ -5,9 +5,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from kennfeld.app.answer import finite_list
+from kennfeld.app.session.calibration_source import SourceName
+from kennfeld.app.session.cell_keys import lock_changes, pin_changes, pinned_cells
+from kennfeld.app.session.reference import choose_reference as choose
+from kennfeld.app.session.reference import deviation_of, reference_set, reference_table
 from kennfeld.app.session.session import Session
+from kennfeld.app.session.state import SetKeys
 from kennfeld.app.session.value_edits import ValueEdit
+from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
 from kennfeld.graph.traversal import coordinates_of
 
@@ -34,7 +41,9 @@ class EditedTable:
 
     Attributes:
         reference: values to compare with.
+        reference_title: where these are from.
         locked: numbers of values that are not fitted.
+        pinned: numbers of values that a pin holds.
         waiting: numbers of values whose edits wait for the end of a run.
         samples: number of samples that inform each value; null if it is not known.
         deviation: standard deviation of each value; null if it is not known.
@@ -47,7 +56,9 @@ class EditedTable:
     axes: Sequence[AxisPoints]
     values: Sequence[float]
     reference: Sequence[float]
+    reference_title: str
     locked: Sequence[int]
+    pinned: Sequence[int]
     waiting: Sequence[int]
     lower: Sequence[float | None]
     upper: Sequence[float | None]
@@ -65,8 +76,8 @@ class TableReply:
 def table(session: Session, asked: AskedTable) -> TableReply:
     """Return a parameter: axes, values now and to compare with, bounds, locks, samples and uncertainty."""
     view, name = session.require_view(), asked.name
-    own, reference = view.now.parameters[name], session.reference(name)
-    samples, deviation = view.samples.get(name), session.deviation(name)
+    own, reference = view.now.parameters[name], reference_table(session, name, reference_set(session))
+    samples, deviation = view.samples.get(name), deviation_of(session, name)
     inputs = coordinates_of(view.model.problem.model.graph, name)
     return TableReply(
         EditedTable(
@@ -77,7 +88,9 @@ def table(session: Session, asked: AskedTable) -> TableReply:
             axes=describe_axes(own, inputs),
             values=own.values.ravel().tolist(),
             reference=reference.values.ravel().tolist(),
+            reference_title=reference.title,
             locked=np.flatnonzero(own.locked.ravel()).tolist(),
+            pinned=pinned_cells(session.settings, own),
             waiting=sorted({cell for edit in session.waiting if edit.name == name for cell in edit.cells}),
             lower=finite_list(own.lower),
             upper=finite_list(own.upper),
@@ -85,6 +98,23 @@ def table(session: Session, asked: AskedTable) -> TableReply:
             deviation=None if deviation is None else finite_list(deviation),
         )
     )
+
+
+@dataclass(frozen=True)
+class ChosenReference:
+    """The set to compare with; null takes the last run, or the start."""
+
+    source: SourceName | None = None
+
+
+@dataclass(frozen=True)
+class CellMark:
+    """Values of a parameter that are locked or pinned, or not any more, by their numbers in C order."""
+
+    name: str
+    cells: Sequence[int]
+    on: bool
+    title: str
 
 
 def describe_axes(table: Parameter, inputs: Sequence[str] = ()) -> list[AxisPoints]:
@@ -99,3 +129,35 @@ def describe_axes(table: Parameter, inputs: Sequence[str] = ()) -> list[AxisPoin
 def set_values(session: Session, edit: ValueEdit) -> None:
     """Edit values of a parameter; during a calibration the edit waits for its end."""
     session.edit(edit)
+
+
+def choose_reference(session: Session, asked: ChosenReference) -> None:
+    """Choose the set that the present values are compared with."""
+    choose(session, asked.source)
+
+
+def lock_values(session: Session, asked: CellMark) -> None:
+    """Lock values of a parameter, or unlock them, in the project file."""
+    table = _table_of(session, asked, session.require_view().model.problem.parameters)
+    where = np.zeros(table.size, dtype=bool)
+    where[np.array(asked.cells, dtype=np.int64)] = True
+    changes = lock_changes(session.settings, table, where.reshape(table.values.shape), locked=asked.on)
+    session.do(SetKeys(asked.title, session.path.name, changes, session.saved.texts.get(session.path.name, "")))
+
+
+def pin_values(session: Session, asked: CellMark) -> None:
+    """Pin values of a parameter to the present ones, or remove their pins, in the project file."""
+    table = _table_of(session, asked, session.parameters)
+    if asked.on and asked.name not in session.require_view().model.problem.free_names:
+        raise ArgumentError(f"{asked.name} is fixed: set it free to pin values of it")
+    changes = pin_changes(session.settings, table, asked.cells, pinned=asked.on)
+    session.do(SetKeys(asked.title, session.path.name, changes, session.saved.texts.get(session.path.name, "")))
+
+
+def _table_of(session: Session, asked: CellMark, parameters: ParameterSet) -> Parameter:
+    if asked.name not in parameters:
+        raise ArgumentError(f"{asked.name[:100]} is not a parameter of the project")
+    table = parameters[asked.name]
+    if not all(0 <= cell < table.size for cell in asked.cells):
+        raise ArgumentError(f"{asked.name} has {table.size} values, none with the number {max(asked.cells)}")
+    return table

@@ -7,7 +7,7 @@ import numpy as np
 
 from kennfeld.app.answer import finite
 from kennfeld.app.questions.error_split import nearest
-from kennfeld.app.session.distributions import common_bins, drawn_samples, histogram
+from kennfeld.app.session.distributions import beyond, common_bins, drawn_samples, histogram
 from kennfeld.app.session.live_model import LiveDataset
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.signals import SampleSelection, SignalName
@@ -115,7 +115,10 @@ class AskedScatter:
 
 @dataclass(frozen=True, eq=False)
 class ScatterReply:
-    """Calculated and measured values at the drawn samples, and histograms of all errors between `edges`."""
+    """Calculated and measured values at the drawn samples, and histograms of all errors between `edges`.
+
+    The end bins hold those `beyond` the edges as well, of which there are so many below and above.
+    """
 
     sample: Int
     position: Float
@@ -124,6 +127,7 @@ class ScatterReply:
     start: Float
     lit: Bool | Float
     edges: Float
+    beyond: Int
     after: Int
     before: Int
     brushed: Int
@@ -218,6 +222,7 @@ def scatter(session: Session, asked: AskedScatter) -> ScatterReply:
         lit=np.zeros(chosen.size) if lit is None else lit[chosen],
         edges=edges,
         after=histogram(_of(errors, shown), edges),
+        beyond=beyond(_of(errors, shown), edges),
         before=histogram(_of(before, shown), edges),
         brushed=np.zeros(0, dtype=np.int64) if lit is None else histogram(_of(errors, lit), edges),
     )

@@ -153,6 +153,15 @@ def _entries(session: Session) -> list[Mapping[str, Any]]:
     return [entry for entry in entries if isinstance(entry, dict)] if isinstance(entries, list) else []
 
 
+def used_numbers(session: Session) -> list[int]:
+    """Return the numbers, from 1 on, of the datasets in the project file that are not off, in order."""
+    return [number for number, entry in enumerate(_entries(session), 1) if entry.get("use") != "off"]
+
+
+def _used(session: Session) -> list[Mapping[str, Any]]:
+    return [entry for entry in _entries(session) if entry.get("use") != "off"]
+
+
 def _paths(folder: Path, entry: Mapping[str, Any]) -> list[str]:
     patterns = entry.get("files", [])
     patterns = [patterns] if isinstance(patterns, str) else patterns
@@ -169,7 +178,7 @@ def recording_names(session: Session) -> list[str]:
 
 def channel_names(session: Session) -> list[str]:
     """Return the names of the channels of all files, each once."""
-    files = (file for entry in _entries(session) for file in _described_files(session, entry))
+    files = (file for entry in _used(session) for file in _described_files(session, entry))
     return list(dict.fromkeys(channel.name for file in files for channel in file.channels))
 
 
@@ -191,7 +200,7 @@ def recorded_channels(session: Session, number: int) -> dict[str, str]:
 
     There, channels that the project does not use cannot be drawn.
     """
-    entries = _entries(session)
+    entries = _used(session)
     if number >= len(entries) or session.reads_partitions:
         return {}
     files = _described_files(session, entries[number])

@@ -11,6 +11,7 @@ from kennfeld.analysis.extrapolation import Extrapolation, find_extrapolation
 from kennfeld.analysis.validation_result import CrossValidation
 from kennfeld.app.answer import finite
 from kennfeld.app.questions.pictures import thumbnail
+from kennfeld.app.session.part_fit import FittedPart
 from kennfeld.app.session.run_job import Validation
 from kennfeld.app.session.runs import Run
 from kennfeld.app.session.session import Session
@@ -34,17 +35,27 @@ class RunCommand:
         workers: number of processes for several starts.
         folds: cross-validate with this number of parts of the data instead.
         parts: kind of the parts.
+        only: fit these values alone, with all others held.
     """
 
     resume: bool = False
     workers: int | None = None
     folds: int | None = None
     parts: str = "auto"
+    only: FittedPart | None = None
+
+
+@dataclass(frozen=True)
+class StageRow:
+    """A stage of a search, and the number of steps before it."""
+
+    name: str
+    begin: int
 
 
 @dataclass(frozen=True)
 class StartRow:
-    """The search from one start: its last accepted step, or its end."""
+    """The search from one start: its last accepted step, or its end; and the stages that it went through."""
 
     start: int
     state: str
@@ -54,6 +65,7 @@ class StartRow:
     cost: float | None
     rmse: float | None
     seconds: float
+    stages: Sequence[StageRow]
 
 
 @dataclass(frozen=True)
@@ -188,7 +200,7 @@ def run(session: Session, asked: RunCommand) -> None:
     validation = None if asked.folds is None else _validation(asked.folds, asked.parts or "auto")
     if asked.workers is not None and asked.workers < 1:
         raise ArgumentError(f"the number of processes must be >= 1, got {asked.workers}")
-    session.run(resume=asked.resume, workers=asked.workers, validation=validation)
+    session.run(resume=asked.resume, workers=asked.workers, validation=validation, part=asked.only)
 
 
 def _validation(folds: int, kind: str) -> Validation:
@@ -326,7 +338,14 @@ def _start(session: Session, number: int, lines: Sequence[TraceLine]) -> StartRo
         cost=finite(last.cost if row is None else row.cost_after),
         rmse=finite(last.rmse),
         seconds=round(last.seconds, 2),
+        stages=_stages(lines),
     )
+
+
+def _stages(lines: Sequence[TraceLine]) -> list[StageRow]:
+    """Return where the steps of a search change their stage; steps before the first change are of the first stage."""
+    changes = [k for k, line in enumerate(lines) if not k or line.stage != lines[k - 1].stage]
+    return [StageRow(lines[k].stage, k) for k in changes]
 
 
 def _picture(view: View, name: str, values: Float) -> CoarseTable:

@@ -270,6 +270,8 @@ def _datasets(session: Session, channels: set[str]) -> Iterator[dict[str, Any]]:
     """Yield the datasets of the project all of whose files have these channels."""
     calculated = session.settings.get("calculated", {})
     for row in files(session).datasets:
+        if row.use == "off":
+            continue
         recorded = [{each.name for each in file.channels} | {*calculated} for file in row.files]
         if all(channels <= names for names in recorded):
             dataset = session.settings["dataset"][row.number - 1]

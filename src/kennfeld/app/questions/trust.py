@@ -100,10 +100,13 @@ class PinnedReply:
 
 
 def trust(session: Session) -> TrustReply:
-    """Return what the data of the last run cannot determine; remedies are changes of keys of the project file."""
-    if not session.runs:
+    """Return what the data of the last run of all values cannot determine.
+
+    Remedies are changes of keys of the project file.
+    """
+    last = session.last_whole_run
+    if last is None:
         return TrustReply([], [])
-    last: Run = session.runs[-1]
     known = last.result.trust
     return TrustReply(
         directions=[
@@ -144,11 +147,13 @@ def _remedy_row(own: KeyChanges) -> RemedyRow:
 def pinned(session: Session, asked: AskedPin) -> PinnedReply:
     """Return the median standard deviation of each table, and what it would be with a grid point pinned."""
     name, at = asked.parameter, asked.at
-    trust = session.runs[-1].result.trust if session.runs else Trust()
+    last = session.last_whole_run
+    trust = Trust() if last is None else last.result.trust
     sizes = {each: np.size(values) for each, values in trust.deviation.items()}
     if name not in sizes or sum(sizes.values()) > MAX_PINNED:
         return PinnedReply([])
-    own = session.runs[-1].result.parameters
+    assert last is not None
+    own = last.result.parameters
     table = own[name]
     index = tuple(int(np.abs(a.breakpoints - place).argmin()) for a, place in zip(table.index_axes, at, strict=True))
     after = pinned_deviation(trust, name, index)

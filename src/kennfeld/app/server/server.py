@@ -24,11 +24,12 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from kennfeld.app.answer import Answer
 from kennfeld.app.archive import write_archive
+from kennfeld.app.project_questions import OPENING
 from kennfeld.app.server.frames import pack
 from kennfeld.app.server.restart import Handshake, KnownServer, known_server, remember_server
 from kennfeld.app.server.security import RequestGuard, new_token
 from kennfeld.app.wire import from_json
-from kennfeld.app.workspace import OPENING, UPLOAD_ENDING, AppWorkspace
+from kennfeld.app.workspace import UPLOAD_ENDING, AppWorkspace
 from kennfeld.base.errors import ArgumentError, KennfeldError
 from kennfeld.base.lazy_dataclass import dataclass
 
@@ -81,6 +82,7 @@ class Server:
                 Route("/upload/{name:path}", self._upload, methods=["PUT"]),
                 Route("/file/{name:path}", self._download),
                 Route("/project.zip", self._archive),
+                Route("/stop-activity", self._stop_activity, methods=["POST"]),
                 Mount("/static", StaticFiles(directory=STATIC)),
             ],
             exception_handlers={KennfeldError: _refusal},
@@ -106,8 +108,8 @@ class Server:
         page = OpenPage(websocket)
         sender = asyncio.create_task(page.send_all())
         try:
+            self._pages.add(page)  # it is told what takes a while until it has a project
             page.project = await self._in_session(lambda: self.workspace.join(asked))
-            self._pages.add(page)
             page.put(await self._snapshot(page.project), "state")
             while True:
                 await self._answer(page, await websocket.receive())
@@ -188,6 +190,11 @@ class Server:
         path = await self._in_session(lambda: self.workspace.download(name, project))
         return FileResponse(path, filename=path.name)
 
+    async def _stop_activity(self, request: Request) -> Response:
+        """Stop what takes a while. Not a question, as the thread that answers these is busy with it."""
+        self.workspace.stop_activity()
+        return Response(status_code=204)
+
     def _asked_for(self, request: Request) -> str:
         """Return the project that an address names, else the last one."""
         return request.query_params.get("project") or self.workspace.latest
@@ -223,6 +230,15 @@ def _attachment(name: str) -> str:
 
 async def _refusal(request: Request, error: Exception) -> Response:
     return JSONResponse({"error": str(error)}, 404)
+
+
+def packed(answer: Answer) -> bytes:
+    """Return the frame of an answer; of one that cannot be sent, an error in its place, so that no page waits."""
+    try:
+        return pack(answer.head, answer.arrays)
+    except (TypeError, ValueError) as error:
+        about = {key: answer.head[key] for key in ("id", "push") if key in answer.head}
+        return pack({**about, "error": f"The answer cannot be sent: {error}"}, {})
 
 
 class OpenPage:
@@ -261,7 +277,7 @@ class OpenPage:
             waiting += self._topics.values()
             self._topics = {}
             for answer in waiting:
-                data = pack(answer.head, answer.arrays)
+                data = packed(answer)
                 try:
                     await asyncio.wait_for(self._websocket.send_bytes(data), SLOW_CLIENT)
                 except (TimeoutError, RuntimeError, WebSocketDisconnect):

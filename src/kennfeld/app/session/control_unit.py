@@ -14,7 +14,7 @@ from kennfeld.app.session.rounding import SetRounding, round_set
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys
 from kennfeld.app.session.taking import values_of
-from kennfeld.base.errors import ArgumentError, Finding, Location
+from kennfeld.base.errors import ArgumentError, Finding, Findings, Location
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles import losses
 from kennfeld.calfiles import write as write_parameters
@@ -26,6 +26,7 @@ from kennfeld.export.comparison import CodeComparison
 Applied = Literal["", "nearest", "joint"]  # empty: the values as they are
 FOLDER = "export"
 PARAMETERS = "parameters"  # name of calibration files
+SIGNALS = "simulation.mf4"
 Contents = Mapping[str, str | bytes]
 
 
@@ -137,7 +138,12 @@ def code_of(session: Session, values: ParameterSet, settings: ExportSettings) ->
 
 
 def unit_files(
-    session: Session, values: ParameterSet, languages: Sequence[ExportSettings], endings: Sequence[str]
+    session: Session,
+    values: ParameterSet,
+    languages: Sequence[ExportSettings],
+    endings: Sequence[str],
+    *,
+    signals: bool = False,
 ) -> UnitFiles:
     """Return the files with a set of values.
 
@@ -146,6 +152,7 @@ def unit_files(
         values: the set.
         languages: in which the function is written.
         endings: of calibration files.
+        signals: write what the function calculates with the set over all data, as MDF.
 
     Raises:
         ArgumentError: nothing is chosen, or two files have the same name.
@@ -161,9 +168,24 @@ def unit_files(
         comparison = contents.comparison or comparison
     written, remarks = _calibration_files(session, values, endings)
     _add(files, written)
+    findings += remarks
+    if signals:
+        own, remarks = _signals(session, values)
+        _add(files, own)
+        findings += remarks
     if not files:
         raise ArgumentError("no file is chosen")
-    return UnitFiles(files, (*dict.fromkeys(findings), *remarks), comparison)
+    return UnitFiles(files, tuple(dict.fromkeys(findings)), comparison)
+
+
+def _signals(session: Session, values: ParameterSet) -> tuple[dict[str, bytes], list[Finding]]:
+    """Return all nodes, targets and errors over all recordings as an MDF file, as `kennfeld simulate` writes them."""
+    from kennfeld.project.simulation_files import write_simulation
+
+    findings = Findings()
+    with session.evaluated() as project, tempfile.TemporaryDirectory(prefix="kennfeld-") as folder:
+        path = write_simulation(project.simulation(values), Path(folder) / SIGNALS, findings=findings)
+        return {SIGNALS: path.read_bytes()}, list(findings)
 
 
 def _add(files: dict[str, str | bytes], further: Contents) -> None:

@@ -229,6 +229,7 @@ def start_design(session: Session, request: Request, candidates: Sequence[str]) 
     folder = session.path.parent
     # as `--from` in the folder of the project; an address stays as it is
     files = tuple(name if "://" in name else str(folder / name) for name in candidates)
-    near = bool(session.runs) and session.runs[-1].result.converged
+    last = session.last_whole_run
+    near = last is not None and last.result.converged
     task = DesignTask(session.path, session.unsaved_texts, values, near, request, files)
     session.design_work.start(task, session.subject)

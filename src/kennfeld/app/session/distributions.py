@@ -55,6 +55,11 @@ def common_bins(parts: Sequence[Float], bins: int = BINS) -> Float:
     return np.linspace(-reach, reach, bins + 1)
 
 
+def beyond(values: Float, edges: Float) -> Int:
+    """Count values Float[samples] below the first and above the last edge, which are in the end bins; Int[2]."""
+    return np.array([np.count_nonzero(values < edges[0]), np.count_nonzero(values > edges[-1])], dtype=np.int64)
+
+
 def histogram(values: Float, edges: Float) -> Int:
     """Count values Float[samples] by bin, Int[bins]; those beyond the ends count in the first and the last bin."""
     known = values[np.isfinite(values)]

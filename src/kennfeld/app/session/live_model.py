@@ -197,6 +197,7 @@ class LiveModel:
         self._outputs = [criterion.node for criterion in problem.criteria]
         self._compiled: dict[tuple[object, ...], NodeSimulator] = {}
         self._slopes: dict[tuple[object, ...], SampleSlopes] = {}  # of the last breakpoints
+        self._lookups: tuple[tuple[object, ...], Lookups] | None = None  # the last ones, with their breakpoints
         self.unmoved = unmoved_tables(problem.graph)
         self.indexes: dict[tuple[object, ...], LookupIndex] = {}  # of these tables
 
@@ -238,8 +239,14 @@ class LiveModel:
         return recorded or problem.model.graph.units.get(node, "")
 
     def lookups(self, parameters: ParameterSet) -> Lookups:
-        """Return where the function looks up its tables."""
-        return Lookups(self.problem, parameters)
+        """Return where the function looks up its tables; code is compiled again only if breakpoints have changed."""
+        key = _axes(parameters)
+        known = self._lookups
+        lookups = (
+            known[1].at(parameters) if known is not None and known[0] == key else Lookups(self.problem, parameters)
+        )
+        self._lookups = key, lookups
+        return lookups
 
     def _simulator(self, names: tuple[str, ...], parameters: ParameterSet) -> NodeSimulator:
         key = (names, _axes(parameters))

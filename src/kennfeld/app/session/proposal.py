@@ -47,10 +47,18 @@ class Proposal:
     choice: KeyChoice | None = None
 
 
-def read_function(text: str, functions: Collection[ModelFunction] = ()) -> Model | None:
-    """Return the function with every unknown name as table or input; None if the text has errors."""
+def read_function(
+    text: str, functions: Collection[ModelFunction] = (), known: Collection[str] | None = None
+) -> Model | None:
+    """Return the function of a formula text; None if the text has errors.
+
+    Args:
+        text: formula text.
+        functions: functions of other tools that it calls.
+        known: names of the parameters; None takes every unknown name for a table or an input.
+    """
     try:
-        return formula(text, functions=tuple(functions))
+        return formula(text, parameters=known, functions=tuple(functions))
     except InputError:
         return None
 

@@ -1,27 +1,40 @@
 """Recordings that are read again only if their files or settings have changed."""
 
 from collections import defaultdict
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
+from kennfeld.app.session.activity import Activity
 from kennfeld.app.session.memory import return_unused
 from kennfeld.base.errors import ArgumentError, InputError, KennfeldError
 from kennfeld.base.file_state import note_opened, version_of
-from kennfeld.base.formatting import join_names
+from kennfeld.base.formatting import count_noun, join_names
 from kennfeld.domain.dataset import Channel, Dataset
 from kennfeld.preprocessing.calculated import Calculated
 from kennfeld.preprocessing.pipeline import LoadedData, load_datasets, prepare_dataset
 from kennfeld.preprocessing.recipe import DataSettings
 from kennfeld.preprocessing.recording_sources import is_remote, recording_files
-from kennfeld.preprocessing.recordings import ChannelRequest, DatasetChannels, RecordingReader, find_recordings
+from kennfeld.preprocessing.recordings import (
+    ChannelRequest,
+    DatasetChannels,
+    ReadingWatch,
+    RecordingReader,
+    find_recordings,
+)
 from kennfeld.preprocessing.units import Units
 
 
 class RecordedData:
-    """The recordings that were read last; called like `load_datasets`."""
+    """The recordings that were read last; called like `load_datasets`.
 
-    def __init__(self) -> None:
+    Args:
+        activity: told of each file that is read, and asked whether to go on.
+    """
+
+    def __init__(self, activity: Activity | None = None) -> None:
+        self._activity = activity or Activity()
         self._key: tuple[object, ...] = ()
         self._loaded = LoadedData()
         self._recipe: tuple[DataSettings, ChannelRequest, Calculated] | None = None
@@ -34,11 +47,26 @@ class RecordedData:
         texts = (settings.datasets, dict(settings.channels), dict(settings.calculated), dict(settings.units), request)
         key = (repr(texts), *_versions(settings))
         if key != self._key:
-            self._loaded = load_datasets(settings, request, calculated)
+            self._loaded = load_datasets(settings, request, calculated, self._watch(settings))
             self._key, self._recipe = key, (settings, request, calculated)
             self._further.clear()
             return_unused()
         return self._loaded
+
+    def _watch(self, settings: DataSettings) -> ReadingWatch:
+        """Return what tells of each file that has been read."""
+        paths = [file for path in matching_files(settings) for file in recording_files(path)]
+        size = size_of_files(paths)
+        done = 0
+
+        def watch(_: int, __: int) -> None:
+            nonlocal done
+            done += 1
+            self._activity.say(f"Reading recordings, {done} of {len(paths)} files", min(1.0, done / len(paths)))
+
+        number = count_noun(len(paths), "file")
+        self._activity.say(f"Reading recordings, {number}, {size / 1e6:.3g} MB", 0.0 if len(paths) > 1 else None)
+        return watch
 
     def further_channels(self, number: int, dataset: Dataset, names: Collection[str]) -> Mapping[str, Channel]:
         """Return channels of the recordings that the project does not use, prepared as the others are.
@@ -101,6 +129,15 @@ def matching_files(settings: DataSettings) -> tuple[str, ...]:
     patterns = (pattern for entry in settings.datasets for pattern in (*entry.files, *entry.database_files))
     local = (pattern for pattern in patterns if not is_remote(pattern))
     return tuple(path for pattern in local for path in find_recordings(settings.folder, pattern))
+
+
+def size_of_files(paths: Iterable[Path | str]) -> int:
+    """Return the number of bytes of files; those that are gone count as empty."""
+    size = 0
+    for path in paths:
+        with suppress(OSError):
+            size += Path(path).stat().st_size
+    return size
 
 
 def _versions(settings: DataSettings) -> Iterator[tuple[str, str]]:

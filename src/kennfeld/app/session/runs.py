@@ -24,6 +24,7 @@ class Run:
         problem: what was calibrated, None if it is the present problem.
         extrapolation: use of surrogates outside their training data; None if it is not computed yet.
         ended: when it ended, in s since 1970.
+        part: the values that were fitted, in words; empty if all were.
     """
 
     number: int
@@ -32,6 +33,7 @@ class Run:
     problem: Problem | None = None
     extrapolation: tuple[Extrapolation, ...] | None = None
     ended: float = field(default_factory=time.time)
+    part: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +64,7 @@ class Job:
         preview: values of the best step so far, by parameter.
         problem: what is calibrated.
         validates: True for a cross-validation.
+        part: the values that are fitted, in words; empty if all are.
     """
 
     state: str = "idle"
@@ -72,3 +75,4 @@ class Job:
     preview: Mapping[str, Float] = field(default_factory=dict)
     problem: Problem | None = None
     validates: bool = False
+    part: str = ""

@@ -10,15 +10,18 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from kennfeld.analysis.validation_result import CrossValidation
+from kennfeld.app.session.activity import Activity, StoppedError
 from kennfeld.app.session.edited_values import moved_axes, moved_breakpoints
 from kennfeld.app.session.files_on_disk import Conflict, DiskChange, FilesOnDisk, read_exactly, text_or_none
 from kennfeld.app.session.function_source import imported_model, read_called
 from kennfeld.app.session.initial_files import initial_names
 from kennfeld.app.session.live_model import LiveDataset, LiveModel, LiveScore
+from kennfeld.app.session.part_fit import FittedPart, part_options, part_problem
 from kennfeld.app.session.partitioned_data import PartitionedData, count_samples
 from kennfeld.app.session.proposal import read_function
 from kennfeld.app.session.recorded_data import RecordedData, matching_files
 from kennfeld.app.session.recovery import Recovery
+from kennfeld.app.session.reference_set import ReferenceSet
 from kennfeld.app.session.rounding import SetRounding
 from kennfeld.app.session.run_checkpoints import RunCheckpoints
 from kennfeld.app.session.run_job import BestValues, Ended, RunJob, RunTask, Validation
@@ -71,10 +74,13 @@ class Session:
     Args:
         path: the project file.
         changed: called from another thread when a running job has reported something, for `pump` to handle.
+        activity: told of what takes a while, such as the reading of recordings.
     """
 
-    def __init__(self, path: Path, changed: Callable[[], object] = lambda: None) -> None:
-        self.path = path
+    def __init__(
+        self, path: Path, changed: Callable[[], object] = lambda: None, activity: Activity | None = None
+    ) -> None:
+        self.path, self._activity = path, activity or Activity()
         self._changed = changed
         self.history = History(SessionState({path.name: read_exactly(path)}))
         self.saved = self.history.state
@@ -91,13 +97,16 @@ class Session:
         ] = ()  # files that have been read again, but not because the user asked for it
         self._function: tuple[int, Model | None] | None = None  # of another tool, by the revision of the texts
         self._matching: tuple[ProjectFile, tuple[str, ...]] | None = None  # and those that its patterns matched
-        self._data: RecordedData | PartitionedData = RecordedData()
+        self._data: RecordedData | PartitionedData = RecordedData(self._activity)
+        self.interrupted = False  # the user has stopped the reading of the recordings
         self.last: tuple[LiveScore, ...] = ()  # before the last change, whatever was evaluated since
         self.revision = next(_REVISIONS)  # changes with the values and the texts
         self.text_revision = self.revision  # changes with the texts
         self.seconds = 0.0  # that the last edit took to compute
         self.runs: list[Run] = []
         self.validations: list[ValidationRun] = []
+        # what present values are compared with, see `reference_set`
+        self.chosen_reference: ReferenceSet | None = None
         # by set and method, with the revision that they belong to
         self.roundings: dict[tuple[str, str, str], tuple[int, SetRounding]] = {}
         self.job = Job()
@@ -108,6 +117,7 @@ class Session:
         self._running: RunJob | None = None
         self.waiting: list[ValueEdit] = []  # edits that were made during the running calibration
         self._inbox: queue.SimpleQueue[TraceLine | BestValues | Ended] = queue.SimpleQueue()
+        self._settings: tuple[str, dict[str, Any]] | None = None  # of the last text
         self.recoverable = self.recovery.exists  # a session ended without saving
         self._assemble()
 
@@ -132,19 +142,15 @@ class Session:
             raise InputError(self.findings)
         return self.view
 
-    def reference(self, name: str) -> Parameter:
-        """Return the values of a parameter to compare with: those of the last run, or of the start."""
-        start = self.require_view().start.parameters[name]
-        last = self.runs[-1].result.parameters if self.runs else ParameterSet()
-        return last[name] if name in last and last[name].has_grid_of(self.parameters[name]) else start
+    @property
+    def last_whole_run(self) -> Run | None:
+        """The last run in which all values were free; None if there was none."""
+        return next((run for run in reversed(self.runs) if not run.part), None)
 
-    def deviation(self, name: str) -> Float | None:
-        """Return the standard deviation of the values of a parameter after the last run; None if it is unknown."""
-        last = self.runs[-1].result if self.runs else None
-        if last is None or name not in last.parameters:
-            return None
-        same = last.parameters[name].has_grid_of(self.parameters[name])
-        return last.trust.deviation.get(name) if same else None
+    def compare_with(self, reference: ReferenceSet | None) -> None:
+        """Compare the present values with a set; None takes the last run, or the start."""
+        self.chosen_reference = reference
+        self.revision = next(_REVISIONS)
 
     def do(self, command: Command, drag: str = "", tables: Mapping[str, Parameter] | None = None) -> None:
         """Apply a command and recompute what depends on it. Commands of one `drag` are one entry of the history.
@@ -202,16 +208,24 @@ class Session:
             self.recovery.write(self.saved, self.state, self._files.known)
         return outcome
 
-    def run(self, *, resume: bool = False, workers: int | None = None, validation: Validation | None = None) -> None:
+    def run(
+        self,
+        *,
+        resume: bool = False,
+        workers: int | None = None,
+        validation: Validation | None = None,
+        part: FittedPart | None = None,
+    ) -> None:
         """Start a calibration or a cross-validation from the present values.
 
         Args:
             resume: continue an interrupted run from its checkpoints.
             workers: number of processes for several starts, by default one per core.
             validation: cross-validate instead of calibrating.
+            part: fit these values only; all others are held.
 
         Raises:
-            ArgumentError: a run is in progress.
+            ArgumentError: a run is in progress, or nothing of the part may be fitted.
             InputError: the project has errors, or there is no checkpoint.
         """
         if self._running is not None:
@@ -220,12 +234,20 @@ class Session:
         assert self.project is not None
         problem = replace(view.model.problem, parameters=view.now.parameters)
         options = replace(self.project.options, workers=workers)
+        if part is not None:
+            last = self.last_whole_run
+            problem = part_problem(problem, part, None if last is None else last.result)
+            options = part_options(options)
         points = self.checkpoints.points().states if resume else {}
         joins = self.project.is_partitioned or bool(self.project.file.cluster.scheduler)
         cluster = self.project.cluster_address if joins else None
         self._require_scheduler(cluster)
-        task = RunTask(problem, options, None if validation else self.checkpoints, points, validation, cluster)
-        self.job = Job("running", "compiling", time.monotonic(), problem=problem, validates=validation is not None)
+        saves = None if validation or part else self.checkpoints
+        task = RunTask(problem, options, saves, points, validation, cluster)
+        title = "" if part is None else part.title
+        self.job = Job(
+            "running", "compiling", time.monotonic(), problem=problem, validates=validation is not None, part=title
+        )
         self._running = RunJob(task, self._put)
 
     def require_evaluable(self) -> View:
@@ -318,14 +340,17 @@ class Session:
         result, view = end.result, self.require_view()
         # the whole trace in place of the steps that were reported, some of which were skipped
         job.state, job.message, job.trace = result.status, result.message, list(result.trace)
-        run = Run(len(self.runs) + 1, view.now.parameters, result, job.problem, end.extrapolation)
+        run = Run(len(self.runs) + 1, view.now.parameters, result, job.problem, end.extrapolation, part=job.part)
         self.runs.append(run)
-        if result.converged:
+        if run.part:
+            job.message += f" Only {run.part} was fitted."
+        elif result.converged:
             self.checkpoints.remove()
         self.revision = next(_REVISIONS)
         free = view.model.problem.free_names
         tables = {name: result.parameters[name] for name in free if name in result.parameters}
-        self.do(SetTables(f"Run {run.number}", self.values_of(result.parameters, tables)), tables=tables)
+        title = f"Run {run.number}: {run.part}" if run.part else f"Run {run.number}"
+        self.do(SetTables(title, self.values_of(result.parameters, tables)), tables=tables)
 
     def _apply_waiting(self) -> None:
         """Apply the edits that were made during the run to its values; say which of them no table takes any more."""
@@ -369,11 +394,13 @@ class Session:
     @property
     def settings(self) -> dict[str, Any]:
         """The tables of the project file, also if they are incomplete; empty if the text is not valid TOML."""
-        try:
-            tables: dict[str, Any] = ProjectDocument(self.state.texts[self.path.name], self.path).get()
-        except InputError:
-            return {}
-        return tables
+        text = self.state.texts[self.path.name]
+        if self._settings is None or self._settings[0] != text:  # every page asks after every edit
+            try:
+                self._settings = text, ProjectDocument(text, self.path).get()
+            except InputError:
+                self._settings = text, {}
+        return self._settings[1]
 
     @property
     def is_calibrating(self) -> bool:
@@ -406,10 +433,18 @@ class Session:
         file = self.formula_file
         try:
             if file:
-                return read_function(self.text_of(file), read_called(self.settings, self.path))
+                text, called = self.text_of(file), read_called(self.settings, self.path)
+                # a text that declares its inputs leaves no other name open, but for parameters that are known
+                return read_function(text, called) or read_function(text, called, self._parameter_names)
         except InputError:
             return None
         return None if self.undecided else self._imported()
+
+    @property
+    def _parameter_names(self) -> list[str]:
+        """Names of the parameters that have a section, or that the initial files provide."""
+        sections = self.settings.get("parameters")
+        return [*(sections if isinstance(sections, dict) else ()), *initial_names(self.settings, self.path).names]
 
     def _imported(self) -> Model | None:
         """Return the function of another tool, also if the project lacks data; None if it cannot be read."""
@@ -597,7 +632,7 @@ class Session:
 
     def _read_project(self) -> None:
         self.revision = self.text_revision = next(_REVISIONS)
-        self.undecided, self._matching = (), None
+        self.undecided, self._matching, self.interrupted = (), None, False
         try:
             project = Project.read(self.path, self.unsaved_texts)
             self._matching = project.file, matching_files(project.file)
@@ -605,7 +640,14 @@ class Session:
             project = self._with_data(project)
             self.project, self._own_findings = project, (*self._read_again, *project.check())
             self.findings = self._own_findings
-            self.view, self.stale = View(LiveModel(project.problem()), self._read_channels), False
+            problem = project.problem()
+            self._activity.say(f"Evaluating the function over {sum(data.samples for data in problem.datasets)} samples")
+            self.view, self.stale = View(LiveModel(problem), self._read_channels), False
+        except StoppedError:
+            message = "the recordings were not read, as you stopped it"
+            finding = Finding(Location(self.path.name), message, "Read them to go on.")
+            self.findings, self.stale, self.interrupted = (finding,), True, True
+            return
         except InputError as error:
             # the last view stays, so that pages go on showing something while a text is being edited
             self.findings, self.stale = (*error.findings, *self._formula_errors(error.findings)), True
@@ -650,7 +692,7 @@ class Session:
         size = project.file.cluster.partition_size
         if not size:
             if not isinstance(self._data, RecordedData):
-                self._data = RecordedData()
+                self._data = RecordedData(self._activity)
         elif not isinstance(self._data, PartitionedData) or self._data.settings[1:] != (project.prepared_files, size):
             self._data = PartitionedData(project.file.path.name, project.prepared_files, size)
         return replace(project, load=self._data)

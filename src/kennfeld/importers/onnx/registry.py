@@ -107,7 +107,7 @@ class Context:
         if self._products > MAX_PRODUCTS:
             raise UnsupportedOperatorError(f"the layers take more than {MAX_PRODUCTS} multiplications per step")
         if name not in self.layers:
-            description = f"Weights of {inputs} inputs, a row each, then the biases; a column per output."
+            description = f"Weights of {inputs} inputs, then the biases, along x; the outputs along y."
             self.layers[name] = Block(name, weights, description=description, locked=True)
         layer = DenseLayer(name, inputs, outputs, activation, alpha)
         nodes = [self.builder.dense(layer, *map(int, row)) for row in rows]

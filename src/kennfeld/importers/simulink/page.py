@@ -11,6 +11,7 @@ from kennfeld.importers.simulink.formula_export import formula_lines
 from kennfeld.importers.simulink.import_report import ImportableSubsystem, SimulinkReport, VariableFile
 from kennfeld.importers.simulink.importable_subsystems import find_subsystems
 from kennfeld.importers.simulink.importing import arguments_of
+from kennfeld.importers.simulink.lowering.diagnostics import STEP_REMEDY
 from kennfeld.models.import_view import problem_views, report_view
 from kennfeld.models.importer import ImportRequest
 from kennfeld.models.model import Model
@@ -41,7 +42,11 @@ def _of_report(report: SimulinkReport, model: Model | None, folder: Path) -> dic
         "supported": report.supported,
         "unreached": len(report.unreached),
         "solver": report.solver if integrates else "",
-        "blocking": [asdict(block) for block in report.unsupported if not block.undefined],
+        "blocking": [
+            {**asdict(block), "needsStep": block.remedy == STEP_REMEDY}
+            for block in report.unsupported
+            if not block.undefined
+        ],
         "undefined": [
             {"name": name, "paths": list(paths), "reason": report.reasons.get(name, "")}
             for name, paths in report.undefined.items()

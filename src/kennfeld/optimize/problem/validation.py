@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 
 import numpy as np
 
-from kennfeld.base.errors import Finding, Findings, InputError, Location
+from kennfeld.base.errors import Finding, Findings, Fix, InputError, Location
 from kennfeld.base.formatting import nearest
 from kennfeld.domain.constraints import Shape, Term
 from kennfeld.domain.dataset import Dataset
@@ -249,7 +249,9 @@ def step_findings(
             if wrong.size:
                 message = f"{name} was trained at steps of {own:g} s, and dataset {data.name} has one of {wrong[0]:g} s"
                 key = "raster" if data.settling is None else "step"
-                yield Finding(location(data), message, f"Write {key} = {own:g}, or train it at the step of the data.")
+                place, remedy = location(data), f"Write {key} = {own:g}, or train it at the step of the data."
+                fixes = (Fix.set((*place.keys, key), own),) if place.keys else ()
+                yield Finding(place, message, remedy, fixes=fixes)
 
 
 def _training_steps(model: Model) -> dict[str, float]:

@@ -1,6 +1,7 @@
 """Coordinates, cells and grid points at which a function looks up its tables, over the data."""
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from copy import copy
 from functools import cached_property, reduce
 from itertools import product
 
@@ -48,6 +49,12 @@ class Coverage:
         places = dict.fromkeys(at for _, args in self._lookups for at in args)
         self._inputs = {at: graph.nodes[at].payload for at in places if graph.nodes[at].op == "input"}
         self._computed = {at: _hidden_name(at) for at in places if at not in self._inputs}
+
+    def at(self, parameters: ParameterSet) -> "Coverage":
+        """Return the same at other values on the same breakpoints, with what is compiled already."""
+        other = copy(self)
+        other._parameters = parameters
+        return other
 
     def blocks(self, bound: BoundDataset, known: Mapping[int, Float] | None = None) -> Iterator[LookupBlock]:
         """Yield the coordinates of every lookup by blocks; `known` are values of all computed nodes, Float[samples]."""
@@ -191,6 +198,13 @@ class Lookups:
             for data, values in zip(problem.datasets, computed, strict=False)
         }
         self._kept: dict[str, list[Lookup]] = {}
+
+    def at(self, parameters: ParameterSet) -> "Lookups":
+        """Return the lookups at other values on the same breakpoints, with what is compiled already."""
+        other = copy(self)
+        other._parameters, other._coverage = parameters, self._coverage.at(parameters)
+        other._known, other._kept = {}, {}
+        return other
 
     def blocks(self, bound: BoundDataset) -> Iterable[Lookup]:
         """Return every lookup over the kept samples of a dataset."""

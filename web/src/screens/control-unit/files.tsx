@@ -14,6 +14,7 @@ import {
   languages,
   method,
   rounds,
+  signals,
   step,
   waitsFor,
   writeFiles,
@@ -133,6 +134,21 @@ export function FilesPane({ own }: { own: ControlUnit }) {
             <span class="mono cut">parameters{ending}</span>
           </label>
         ))}
+        <label
+          data-format="mf4"
+          title="All nodes, targets and errors over all recordings, a group for each, with units and comments"
+        >
+          <input
+            type="checkbox"
+            checked={signals.value}
+            onChange={() => {
+              signals.value = !signals.value;
+              existing.value = [];
+            }}
+          />
+          <span class="ink">Signals, MF4</span>
+          <span class="mono cut">simulation.mf4</span>
+        </label>
       </div>
       <div class="into">
         <span class="q">into</span>

@@ -67,7 +67,9 @@ export function RoundingPane({ own }: { own: ControlUnit }) {
               <th class="num" title="Distance of storable values">
                 step
               </th>
-              <th />
+              <th>
+                <span class="unseen">unit</span>
+              </th>
               <th title="Bits of a stored number">storage</th>
               <th
                 class="num"
@@ -163,11 +165,15 @@ function Errors() {
       <thead>
         <tr>
           <th>RMSE</th>
-          <th />
+          <th>
+            <span class="unseen">data</span>
+          </th>
           <th class="num">unrounded</th>
           <th class="num">each to the nearest</th>
           <th class="num">joint: errors cancel</th>
-          <th />
+          <th>
+            <span class="unseen">change</span>
+          </th>
           <th class="num">of the loss regained</th>
         </tr>
       </thead>
@@ -347,7 +353,9 @@ function FinerTable() {
           <th class="num">nearest</th>
           <th class="num">joint</th>
           <th class="num">bytes</th>
-          <th />
+          <th>
+            <span class="unseen">take</span>
+          </th>
         </tr>
       </thead>
       <tbody>

@@ -2,7 +2,7 @@
 
 import { computed, effect } from "@preact/signals";
 import { newest } from "../../connection";
-import { MISSING, plain, signed, significant } from "../../drawing/numbers";
+import { MISSING, plain, signed, significant, unitText } from "../../drawing/numbers";
 import { ErrorFacts, placeText, shown, split, useSplit } from "../../instruments/error-split";
 import { criterionNumber, cursor, datasetNumber } from "../../plots";
 import type { WorstRow } from "../../replies";
@@ -99,7 +99,9 @@ export function CursorPane() {
                 <th>reads</th>
                 <th>channel</th>
                 <th class="num">value</th>
-                <th />
+                <th>
+                  <span class="unseen">unit</span>
+                </th>
               </tr>
             </thead>
             <tbody>
@@ -110,7 +112,7 @@ export function CursorPane() {
                   </td>
                   <td class="mono cut">{each.channel}</td>
                   <td class="num ink">{shown(each.value)}</td>
-                  <td class="q">{each.unit}</td>
+                  <td class="q">{unitText(each.unit)}</td>
                 </tr>
               ))}
             </tbody>

@@ -68,7 +68,7 @@ export function SignalFlow() {
             <path
               key={`${edge.from.name} ${edge.to.name}`}
               class={hot(edge) ? "hot" : ""}
-              d={wire(edge.from, edge.to)}
+              d={wire(edge.from, edge.to, boxes)}
             />
           ))}
         {boxes.map((box) => (
@@ -78,7 +78,6 @@ export function SignalFlow() {
             role="button"
             tabIndex={0}
             data-node={box.name}
-            aria-label={`${box.name}, ${box.sign || "input"}`}
             onClick={() => {
               chosen.value = box.name;
             }}

@@ -3,6 +3,7 @@
 import type { JSX } from "preact";
 import { useEffect, useState } from "preact/hooks";
 import { CodeConsent } from "../../code-consent";
+import { unitText } from "../../drawing/numbers";
 import { Corrections, split } from "../../instruments/error-split";
 import { Proposals } from "../../instruments/proposals";
 import { scoped } from "../../scope";
@@ -115,7 +116,7 @@ export function FormulaText() {
                   <td class="q">
                     {p.kind} {p.shape.join(" × ")}
                   </td>
-                  <td class="q">{p.unit}</td>
+                  <td class="q">{unitText(p.unit)}</td>
                 </tr>
               ))}
             </tbody>

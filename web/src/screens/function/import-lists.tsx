@@ -106,7 +106,9 @@ export function Ports({
               <th>{name}</th>
               <th>unit</th>
               <th>channel</th>
-              <th />
+              <th>
+                <span class="unseen">more</span>
+              </th>
             </tr>
           </thead>
           <tbody>

@@ -3,6 +3,7 @@
 
 import { parseNumber, plain } from "../../drawing/numbers";
 import { Icon } from "../../icons";
+import { NumberInput } from "../../inputs";
 import type { BlockingBlock, FileProposal, ImportedFunction } from "../../replies";
 import { setKeys } from "../../settings";
 import { Binding, Bindings, binding } from "./bindings";
@@ -116,6 +117,7 @@ function Stop({ blocks }: { blocks: BlockingBlock[] }) {
       <span class="grow">
         {blocks.length > 1 && <b>{blocks.length} blocks: </b>}
         {sentence}
+        {first!.needsStep && <FixedStep />}
         {blocks.slice(0, FEW).map((block) => (
           <StopRow key={block.path} block={block} text={blocks.length > 1 ? "Bind…" : "Bind to a channel or formula"} />
         ))}
@@ -129,6 +131,32 @@ function Stop({ blocks }: { blocks: BlockingBlock[] }) {
         )}
       </span>
     </div>
+  );
+}
+
+/** The step of the data as that of the function, or another one. */
+function FixedStep() {
+  const own = diagram.value?.dataStep;
+  const set = (step: number): void => void setKeys([[["model", "step"], step]], `Step of the function: ${step} s`);
+  return (
+    <span class="row stop" id="fixed-step">
+      {own && (
+        <button class="btn small" title="[model] step" onClick={() => set(own)}>
+          Step of {plain(own)} s, as the data
+        </button>
+      )}
+      <span class="field small num" style={{ width: "84px" }} title="[model] step">
+        <NumberInput
+          label="Step of the function"
+          placeholder="step"
+          own={undefined}
+          enter={(value) => {
+            if (typeof value === "number") set(value);
+          }}
+        />
+        <u>s</u>
+      </span>
+    </span>
   );
 }
 

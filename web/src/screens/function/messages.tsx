@@ -2,6 +2,7 @@
 
 import { isAsked } from "../../code-consent";
 import { Icon } from "../../icons";
+import { Fixes } from "../../instruments/finding";
 import { correct, spellings } from "../../instruments/spellings";
 import { jump } from "../../jump";
 import { state } from "../../store";
@@ -27,6 +28,7 @@ export function Messages() {
           ) : (
             <span class="grow">{each.text}</span>
           )}
+          <Fixes own={each} />
           {spellings.value
             .filter((word) => word.line === each.line && word.column === each.column)
             .map((word) => (

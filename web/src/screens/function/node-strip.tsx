@@ -21,6 +21,7 @@ interface Strip {
   start: Float32Array;
   now: Float32Array;
   error: Float32Array;
+  measured: Float32Array | undefined; // if the node is that of the criterion
 }
 const strip = scoped<Strip | null>(null);
 
@@ -30,6 +31,7 @@ const load = newest(async ([dataset, begin, end, node, criterion]: [number, numb
     { kind: "node", name: node },
     { kind: "error", name: String(criterion) },
   ];
+  if (settled.peek().criteria[criterion]?.node === node) signals.push({ kind: "target", name: String(criterion) });
   const reply = await request("strip", { dataset, begin, end, pixels: 460, signals });
   if (reply !== null)
     strip.value = {
@@ -38,6 +40,7 @@ const load = newest(async ([dataset, begin, end, node, criterion]: [number, numb
       start: reply.arrays["0"]!,
       now: reply.arrays["1"]!,
       error: reply.arrays["2"]!,
+      measured: reply.arrays["3"],
     };
 });
 
@@ -75,9 +78,15 @@ export function NodeStrip() {
   return (
     <>
       <div class="head mid">
-        <h2>{drawnNode.value}</h2>
+        <h2>{drawnNode.value || "Node"}</h2>
         <span class="sub">{unitText(unit) && `[${unit}] `}around the cursor; a click moves it</span>
         <span class="right">
+          {strip.value?.measured && (
+            <span class="key">
+              <i style={{ borderColor: "var(--ink)" }} />
+              measured
+            </span>
+          )}
           <span class="key">
             <i style={{ borderColor: "var(--model)" }} />
             now
@@ -125,11 +134,12 @@ function draw(pen: Pen, width: number, height: number): void {
     pen,
     { left: LEFT, right: width - RIGHT, top: 8, bottom: middle - 8 },
     extent(xs),
-    widened(extent(data.start, data.now), 0.08),
+    widened(extent(data.start, data.now, data.measured ?? []), 0.08),
     { unlabelled: true },
   );
   upper.clip(() => {
     const at = xs.map(upper.x);
+    if (data.measured) line(pen, at, Float64Array.from(data.measured, upper.y), token("ink"), 1.25);
     line(pen, at, Float64Array.from(data.start, upper.y), token("before"), 1.25);
     line(pen, at, Float64Array.from(data.now, upper.y), token("model"), 1.5);
     mark(pen, upper.x, 8, middle - 8);

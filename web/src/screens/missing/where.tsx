@@ -103,7 +103,7 @@ export function WherePane() {
                 const from = layout.boxes.get(name);
                 if (from === undefined || from === to) return [];
                 const hot = to.name === NEW || from.name === NEW;
-                return [<path key={`${name} ${to.name}`} class={hot ? "hot" : ""} d={wire(from, to)} />];
+                return [<path key={`${name} ${to.name}`} class={hot ? "hot" : ""} d={wire(from, to, boxes)} />];
               }),
             )}
             {boxes.map((box) => {

@@ -34,6 +34,7 @@ export function OptimizationSettings() {
         section="limit"
         noun="limit"
         title="Limits"
+        oneOf={["min", "max"]}
         empty="No limits. A limit keeps a node within bounds at every training sample."
       />
       <EntryList

@@ -1,7 +1,7 @@
 // What is brushed, and what it can become: a view of these samples alone, a condition of the dataset, a weight.
 
 import { useSignal } from "@preact/signals";
-import { count, fixed, parseNumber, plain, signed, significant } from "../../drawing/numbers";
+import { count, fixed, parseNumber, plain, signed, significant, unitText } from "../../drawing/numbers";
 import { brushed } from "../../plot-data";
 import { type Brush, brush, criterion, criterionNumber, datasetNumber, isStretch, only, unitOfTime } from "../../plots";
 import type { BrushedConditions, Toml } from "../../replies";
@@ -40,7 +40,7 @@ export function BrushBar() {
         <>
           <span class="q">RMSE</span>
           <span class="ink">
-            {significant(numbers.rmse)} {criterion.value?.unit}
+            {significant(numbers.rmse)} {unitText(criterion.value?.unit ?? "")}
           </span>
           <span class="q err">mean error</span>
           <span class="ink err">{signed(numbers.mean)}</span>
@@ -130,7 +130,7 @@ function Become({ conditions, weigh }: { conditions: BrushedConditions; weigh: (
 }
 
 const limit = (condition: string, title: string): void =>
-  void setKeys([[["dataset", datasetNumber.value + 1, "where"], condition]], title);
+  void setKeys([[["dataset", settled.value.datasets[datasetNumber.value]!.number, "where"], condition]], title);
 
 /** Asks for the weight of the brushed samples, in place. */
 function Weight({ conditions, close }: { conditions: BrushedConditions; close: () => void }) {

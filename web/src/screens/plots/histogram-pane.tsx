@@ -3,6 +3,7 @@
 import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { type Area, area, canvasIn, line, type Pen } from "../../drawing/canvas";
 import { token } from "../../drawing/colours";
+import { count, withUnit } from "../../drawing/numbers";
 import { drawRectangle, rangeOf } from "../../instruments/scatter";
 import { WhatIsMissing } from "../../instruments/what-is-missing";
 import { both, scatter } from "../../plot-data";
@@ -85,7 +86,7 @@ function listen(canvas: HTMLCanvasElement, area: () => Area | null): void {
 }
 
 function draw(pen: Pen, width: number, height: number, data: ScatterArrays): Area {
-  const box = { left: 44, right: width - 14, top: 8, bottom: height - 34 };
+  const box = { left: 52, right: width - 14, top: 8, bottom: height - 34 };
   const shown = both.value
     ? ([
         [data.before, "before"],
@@ -94,7 +95,7 @@ function draw(pen: Pen, width: number, height: number, data: ScatterArrays): Are
     : ([[data.after, "model"]] as const);
   const most = Math.max(1, ...shown.flatMap(([values]) => [...values]));
   const ends = [data.edges[0]!, data.edges[data.edges.length - 1]!] as const;
-  const plot = area(pen, box, ends, [0, most * 1.06], { title: `error [${criterion.value?.unit ?? ""}]` });
+  const plot = area(pen, box, ends, [0, most * 1.06], { title: withUnit("error", criterion.value?.unit ?? "") });
   plot.clip(() => {
     for (const [values, colour] of shown) {
       pen.fillStyle = token(colour);
@@ -110,10 +111,22 @@ function draw(pen: Pen, width: number, height: number, data: ScatterArrays): Are
       pen.globalAlpha = 1;
     }
     line(pen, [plot.x(0), plot.x(0)], [box.top, box.bottom], token("ink"), 0.75);
+    drawBeyond(pen, plot, data);
     drawBrushed(pen, plot, data, most);
     drawRectangle(pen, plot, brush.value, [error(), { kind: "node", name: "" }]);
   });
   return plot;
+}
+
+/** How many errors lie beyond the ends, which the end bins hold. */
+function drawBeyond(pen: Pen, plot: Area, data: ScatterArrays): void {
+  const [below = 0, above = 0] = data.beyond;
+  pen.fillStyle = token("quiet");
+  pen.textBaseline = "top";
+  pen.textAlign = "left";
+  if (below > 0) pen.fillText(`${count(below)} below`, plot.box.left + 5, plot.box.top + 4);
+  pen.textAlign = "right";
+  if (above > 0) pen.fillText(`${count(above)} above`, plot.box.right - 5, plot.box.top + 4);
 }
 
 /** The outline of the brushed samples, scaled to two thirds of the height. */

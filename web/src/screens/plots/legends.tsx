@@ -1,7 +1,7 @@
 // Beside each strip: its signals with their values at the cursor, and statistics of what is brushed.
 
 import { useSignal } from "@preact/signals";
-import { MISSING, signed, significant } from "../../drawing/numbers";
+import { MISSING, signed, significant, unitText } from "../../drawing/numbers";
 import { valueUnder } from "../../hover-values";
 import { brushed, drawn, sample } from "../../plot-data";
 import { cursor, hover, keyOf } from "../../plots";
@@ -24,7 +24,7 @@ const STRIP = "application/x-kennfeld-strip";
 
 export function Legends() {
   return (
-    <div class="legends" aria-label="Strips">
+    <div class="legends" role="group" aria-label="Strips" data-legend>
       {rows.value.map((row, r) => (
         <Legend key={r} row={row} r={r} />
       ))}
@@ -88,7 +88,7 @@ function Legend({ row, r }: { row: Row; r: number }) {
     >
       <div class="nm">
         <b class="cut">{row.title}</b>
-        <span class="q">{row.unit}</span>
+        <span class="q">{unitText(row.unit)}</span>
         <button
           class="x"
           tabIndex={-1}

@@ -1,5 +1,6 @@
 // Calculated over measured values, or any signal over any other.
 
+import { unitText } from "../../drawing/numbers";
 import { ScatterPlot } from "../../instruments/scatter";
 import { pair, points, scatter } from "../../plot-data";
 import { criterion, criterionNumber, dataset, keyOf, only } from "../../plots";
@@ -34,7 +35,7 @@ export function ScatterPane() {
           </>
         )}
         <span class="right">
-          {own === null && <span class="q">{criterion.value?.unit}</span>}
+          {own === null && <span class="q">{unitText(criterion.value?.unit ?? "")}</span>}
           <button
             class="btn small"
             aria-pressed={own !== null}

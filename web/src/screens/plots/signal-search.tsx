@@ -2,7 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { useLayoutEffect, useRef } from "preact/hooks";
-import { count } from "../../drawing/numbers";
+import { count, unitText } from "../../drawing/numbers";
 import { Icon } from "../../icons";
 import { matrixOpen } from "../../plot-data";
 import { dataset, keyOf } from "../../plots";
@@ -197,7 +197,7 @@ function Entry({ own, number, on, drawn }: { own: SignalRow; number: number; on:
       }
     >
       <span class="cut ink">{own.label}</span>
-      <span class="q">{own.unit}</span>
+      <span class="q">{unitText(own.unit)}</span>
       <span class="tag">{drawn ? "drawn" : own.group}</span>
     </div>
   );

@@ -46,7 +46,11 @@ export function ChangesPane() {
       <table class="list cg">
         <thead>
           <tr>
-            {taking.value !== "whole" && <th />}
+            {taking.value !== "whole" && (
+              <th>
+                <span class="unseen">take</span>
+              </th>
+            )}
             <th>parameter</th>
             <Sorted by="absolute" text="most" />
             <th>at</th>
@@ -206,7 +210,11 @@ function PointList({ own }: { own: ComparedTable }) {
       <table class="list cg points">
         <thead>
           <tr>
-            {byPoint && <th />}
+            {byPoint && (
+              <th>
+                <span class="unseen">take</span>
+              </th>
+            )}
             {own.axes.map((axis, k) => (
               <th class="num" title={axis.unit}>
                 {axis.input || axis.unit || `axis ${k + 1}`}

@@ -8,7 +8,7 @@ import { request, screen, settled, state } from "../../store";
 import { address, inProject } from "../../uploads";
 import { Further } from "../optimization/settings";
 
-const formats = scoped<ExportFormats>({ formats: [], own: [], folder: "", stored: false });
+const formats = scoped<ExportFormats>({ formats: [], own: [], folder: "", stored: false, opens: false });
 const picked = scoped<Set<string> | null>(null);
 const extras = scoped({ report: true, stored: false, script: false, whole: false });
 const simulation = scoped("");
@@ -145,13 +145,19 @@ export function ExportPane() {
         {state.value.unsaved.length > 0 && <p class="q">The ZIP holds what is saved.</p>}
         {exported.value.files.length > 0 && (
           <div class="done" id="exported">
-            <p class="good">Written:</p>
+            <p class="row">
+              <span class="good">Written</span>
+              <span class="q cut grow" title={folder}>
+                {folder}
+              </span>
+              {formats.value.opens && (
+                <button class="btn small" id="open-folder" onClick={() => request("open-file", {})}>
+                  Open the folder
+                </button>
+              )}
+            </p>
             {exported.value.files.map((path) => (
-              <p class="cut">
-                <a href={address(path)} download title={path}>
-                  {path.split("/").at(-1)}
-                </a>
-              </p>
+              <Written key={path} path={path} opens={formats.value.opens} />
             ))}
           </div>
         )}
@@ -161,5 +167,27 @@ export function ExportPane() {
       </div>
       <RoundedTable rows={exported.value.rounded} />
     </div>
+  );
+}
+
+/** A file that was written: opened on the desktop if there is one, else only downloaded. */
+function Written({ path, opens }: { path: string; opens: boolean }) {
+  const name = path.split("/").at(-1)!;
+  return (
+    <p class="row">
+      <a class="cut grow" href={address(path)} download title={`Download ${path}`}>
+        {name}
+      </a>
+      {opens && !name.endsWith(".py") && (
+        <button
+          class="btn small"
+          aria-label={`Open ${name}`}
+          title="With the program that your desktop has for it"
+          onClick={() => request("open-file", { file: path })}
+        >
+          Open
+        </button>
+      )}
+    </p>
   );
 }

@@ -99,7 +99,9 @@ function Entry({ own }: { own: SetRow }) {
           <table>
             <thead>
               <tr>
-                <th />
+                <th>
+                  <span class="unseen">criterion</span>
+                </th>
                 <th class="num">training</th>
                 <th class="num">{held ? "held out" : "test"}</th>
               </tr>

@@ -14,6 +14,7 @@ from kennfeld.importers.simulink.lowering import (
     block,
     no_feedthrough,
 )
+from kennfeld.importers.simulink.lowering.diagnostics import STEP_REMEDY
 from kennfeld.importers.simulink.reader.dialog_words import match_word
 from kennfeld.importers.simulink.signals import (
     Signal,
@@ -52,7 +53,7 @@ def transport_delay(block: BlockContext) -> SignalOrBus:
 
 def _fixed_step(block: BlockContext) -> float:
     if block.compiler.clock.step is None:
-        raise UnsupportedError("a transport delay requires a fixed-step model", "Set a fixed step.")
+        raise UnsupportedError("a transport delay requires a fixed-step model", STEP_REMEDY)
     return block.compiler.clock.step
 
 

@@ -18,6 +18,7 @@ from kennfeld.importers.simulink.signals import Signal, constant
 from kennfeld.models.imperative.evaluation_errors import DEFAULT_REMEDY, EvaluationError
 
 PHYSICAL_NETWORK = "it belongs to a physical network of Simscape, which cannot be calibrated"
+STEP_REMEDY = "Set a fixed step: step = ... in s under [model]."
 BUS_REMEDY = "Give its Simulink.Bus as parameters: in a script, a .mat or a .sldd."
 _PHYSICAL_TYPES = ("Simscape", "PMComponent", "PMIOPort")  # begin the types of their blocks
 
