@@ -58,7 +58,7 @@ def test_a_term_is_found_and_applied_with_its_fit_as_one_command(bench: Looking)
     assert offered["found"] is None
     reasons = {row["name"]: row["reason"] for row in offered["channels"]}
     assert reasons == {"speed": "", "load": "", "oil": "", "humidity": "", "m": "the target", "flat": "constant"}
-    assert {row["name"]: row["places"] for row in offered["kinds"]} == {"add": 3, "multiply": 3, "lag": 0, "delay": 0}
+    assert {row["name"]: row["places"] for row in offered["kinds"]} == {"add": 3, "multiply": 3, "lag": 0, "delay": 0, "offset": 0}
     found = bench.look(kinds=["add"], channels=["oil", "humidity"])
     assert (found["old"], found["status"], overview(session).terms.detail) == (False, "found", "1 proposal")
     [row] = found["proposals"]

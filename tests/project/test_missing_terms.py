@@ -1,12 +1,14 @@
 """Missing terms of a project: found among all channels of its recordings, written into its files, taken back."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from kennfeld import InputError, Project, cli
 from kennfeld.project.missing_terms import _with_more_channels, undo
+from tests.project.partitioned_projects import in_partitions
 
 TEXT = (
     "# two branches\n1 base[Nm] = MapBase(speed, load)\n2 drag[Nm] = CurveDrag(speed)  # motored\ny[Nm] = base - drag\n"
@@ -76,6 +78,26 @@ def test_a_proposal_is_written_into_both_files_and_taken_back(tmp_path):
     assert rmse[0] == pytest.approx(proposal.rmse.after, rel=1e-3)
     assert undo(changed) == (proposal.change, (tmp_path / "f.kf", path))
     assert [(tmp_path / name).read_bytes() for name in ("f.kf", "kennfeld.toml")] == before
+
+
+def test_an_offset_of_each_recording_is_written_with_a_reference(tmp_path):
+    path = write_bench(tmp_path, planted="", files=4)
+    for number, drift in enumerate((0.0, 0.2, -0.1, 0.3)):
+        file = tmp_path / f"run_{number}.csv"
+        head, *rows = [row.split(",") for row in file.read_text(encoding="utf-8").splitlines()]
+        at = head.index("m")
+        moved = [[*row[:at], f"{float(row[at]) + drift:.5f}", *row[at + 1 :]] for row in rows]
+        file.write_text("\n".join(map(",".join, [head, *moved])) + "\n", encoding="utf-8")
+    project = Project.read(path)
+    proposal = project.propose(kinds=["offset"], nodes=["drag"])[0]
+    assert list(proposal.offsets) == [f"run_{number}.csv" for number in range(4)]
+    project.apply(proposal)
+    assert "CurveDrag(speed) + OffsetDrag  # motored" in (tmp_path / "f.kf").read_text(encoding="utf-8")
+    assert 'per = "recording"' in path.read_text(encoding="utf-8")
+    result = Project.read(path).calibrate()
+    offsets = result.parameters["OffsetDrag"].values
+    np.testing.assert_allclose(offsets, [0, -0.2, 0.1, -0.3], atol=0.01)
+    assert result.quality[0].rmse_after == pytest.approx(proposal.rmse.after, rel=1e-3)
 
 
 def test_an_undo_does_not_overwrite_later_changes(tmp_path):
@@ -151,6 +173,20 @@ def test_partitions_give_the_same_list(tmp_path):
     assert json.dumps(contents[0]) == json.dumps(contents[1])
 
 
+@pytest.mark.slow
+def test_a_cluster_gives_the_same_list_to_the_bit(tmp_path, shared_cluster):
+    path = write_bench(tmp_path, timed=True, files=4)
+    lists = []
+    for address in ("", shared_cluster.address):
+        project = in_partitions(path, 200, scheduler=address)
+        lists.append(project.propose(kinds=["add", "lag"], nodes=["drag"], channels=["oil", "humidity"]))
+        project.close()
+    here, there = ([replace(each, addition=None, parameter=None) for each in own.proposals] for own in lists)
+    assert here == there != []
+    assert [own.smallest_effect for own in lists] == [lists[0].smallest_effect] * 2
+    np.testing.assert_array_equal(*(own[0].parameter.values for own in lists))
+
+
 def test_the_command_prints_the_list_and_applies_one(tmp_path, capsys):
     path = write_bench(tmp_path)
     arguments = ["propose", str(path), "--kind", "add", "--node", "drag"]
@@ -171,6 +207,35 @@ def test_nothing_missing_is_an_empty_list_and_no_error(tmp_path, capsys):
     assert cli.run(["propose", str(path), "--kind", "add", "--json"]) == 0
     content = json.loads(capsys.readouterr().out)
     assert (content["proposals"], content["status"]) == ([], "none")
+    assert cli.run(["propose", str(path), "--kind", "add", "--apply", "1"]) == 2
+    assert "--apply: there is no proposal 1. Nothing is missing that these channels explain" in capsys.readouterr().err
+
+
+def test_a_calibration_says_in_all_its_files_what_is_missing(tmp_path, capsys):
+    path = write_bench(tmp_path)
+    path.write_text(path.read_text(encoding="utf-8").replace("lock = true\n", ""), encoding="utf-8")
+    # base instead of the planted term: the load is read, but not looked up
+    (tmp_path / "f.kf").write_text(TEXT.replace("MapBase(speed, load)", "MapBase(speed, 0 * load)"), encoding="utf-8")
+    assert cli.run(["calibrate", str(path)]) == 0
+    line = "Add a curve of load to base: would take 9"
+    assert line in capsys.readouterr().out
+    results = tmp_path / "results"
+    entry = json.loads((results / "result.json").read_text(encoding="utf-8"))["missing"]
+    assert (entry["scored"], entry["best"]) == (True, "Add a curve of load to base")
+    assert 0.9 < entry["share"] < 1
+    again = tmp_path / "again.html"
+    assert cli.run(["report", str(path), "-o", str(again)]) == 0
+    for report in (results / "report.html", again):
+        text = report.read_text(encoding="utf-8")
+        assert "<h2>What is missing?</h2>" in text
+        assert line in text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["torque", "exhaust", "idle"])
+def test_a_calibrated_demo_says_if_something_is_missing(name, tmp_path, capsys):
+    assert cli.run(["demo", name, "--dir", str(tmp_path / name)]) in (0, 1)
+    assert "would take" in capsys.readouterr().out
 
 
 def test_a_wrong_pattern_is_wrong_input(tmp_path, capsys):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from kennfeld.analysis.missing.proposal import TermProposal, TermProposals
 from kennfeld.analysis.missing.proposing import SearchScope, Watch, find_terms
+from kennfeld.analysis.missing.refit import Addition
 from kennfeld.analysis.missing.text_patch import difference, quoted_name, with_term
 from kennfeld.base.atomic_files import write_whole
 from kennfeld.base.content_digest import digest_of
@@ -183,8 +184,8 @@ def patch(
     text = texts[file].removeprefix(_BOM) if file in texts else text_of(function)
     changed = with_term(text, addition, graph.inputs, {*graph.names, *graph.inputs, *graph.parameters})
     if changed is None:
-        # the term would be remembered with the node, and was not fitted so
-        reason = f"{file} computes {addition.term.node} from its own earlier values, or in no line of its own"
+        node = addition.term.node
+        reason = f"{file} has no equation of its own for {node}, or others read its earlier values as well"
         return Patch(None, "", document.text, as_text, reason)
     parts = [difference(text, changed, file), toml]
     return Patch(function, changed, document.text, "\n".join(part for part in parts if part))
@@ -201,6 +202,8 @@ def _section(project: "Project", proposal: TermProposal) -> dict[str, Any]:
     assert addition.parameter is not None
     term, parameter = addition.term, addition.parameter
     free = {} if any(fnmatchcase(parameter.name, each) for each in project.file.calibration.free) else {"free": True}
+    if term.kind == "offset":
+        return {"per": "recording", "initial": 0.0, **free, **_reference(project, addition)}
     if not parameter.axes:
         seconds = float(f"{proposal.term.seconds:.3g}")
         return {"unit": "s", "initial": seconds, **free}
@@ -216,6 +219,17 @@ def _section(project: "Project", proposal: TermProposal) -> dict[str, Any]:
     return section
 
 
+def _reference(project: "Project", addition: Addition) -> dict[str, Any]:
+    """Return the lock of the first fitted recording, if the function itself can take over a mean of all offsets."""
+    number = 1
+    for entry in project.file.datasets:
+        files = [path for pattern in entry.files for path in find_recordings(project.file.folder, pattern)]
+        if entry.use == "training" and files:
+            break
+        number += len(files)
+    return {"lock": [{"x": [number, number]}]} if addition.constraints else {}
+
+
 def sentence(proposal: TermProposal) -> str:
     """Return a term as a line of formula text, for functions that are not formula text."""
     addition = proposal.addition
@@ -226,6 +240,7 @@ def sentence(proposal: TermProposal) -> str:
         "add": f"{node} + {label}({quoted_name(term.channel)})",
         "multiply": f"{node} * {label}({quoted_name(term.channel)})",
         "lag": f"PT1({node}, {label})",
+        "offset": f"{node} + {label}",
         "delay": f"delay({node}, {term.steps}, {node})",
     }[term.kind]
     place = f"  # {proposal.location}" if proposal.location else ""
@@ -243,9 +258,7 @@ def apply(project: "Project", proposal: TermProposal) -> tuple[Path, ...]:
     """
     change = patch(project, project.problem(), proposal)
     if change.function is None:
-        message = change.reason
-        remedy = "Add the term where the function was made, or write the function as text by kennfeld convert."
-        raise InputError.of(project.file.location("model", "file"), message, remedy)
+        raise _not_written(project, proposal, change.reason)
     texts = {change.function: change.function_text, project.path: change.project_text}
     # without the mark, as texts are read from files
     unsaved = {project.file.model.file: change.function_text, project.path.name: change.project_text.removeprefix(_BOM)}
@@ -267,6 +280,14 @@ def apply(project: "Project", proposal: TermProposal) -> tuple[Path, ...]:
         _write_all(before, texts)  # no term without a way back
         raise
     return tuple(texts)
+
+
+def _not_written(project: "Project", proposal: TermProposal, reason: str) -> InputError:
+    """Return the error for a term that cannot be written, with the place where it is to be added."""
+    place = project.file.location("model", "file")
+    node = f"node {proposal.term.node}" + (f" ({proposal.location})" if proposal.location else "")
+    remedy = f"{proposal.change} where the function was made: {node}."
+    return InputError.of(place, f"{reason}; nothing was changed", remedy)
 
 
 def _relative(project: "Project", path: Path) -> str:

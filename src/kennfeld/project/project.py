@@ -331,7 +331,7 @@ class Project:
         *,
         channels: Sequence[str] = ("*",),
         nodes: Sequence[str] = ("*",),
-        kinds: "Sequence[Kind]" = ("add", "multiply", "lag", "delay"),
+        kinds: "Sequence[Kind]" = ("add", "multiply", "lag", "delay", "offset"),
         least: float = 0.0,
         progress: Callable[[str], None] | None = None,
         report: Callable[[str], None] | None = None,
@@ -344,7 +344,7 @@ class Project:
         Args:
             channels: glob patterns of the channels that take part; by default all of the recordings.
             nodes: glob patterns of the nodes that take part.
-            kinds: `add`, `multiply`, `lag`, `delay`.
+            kinds: `add`, `multiply`, `lag`, `delay`, `offset` of each recording.
             least: effect that a proposal must explain on held-out data, in the unit of the target.
             progress: called with lines of text.
             report: former name of `progress`.

@@ -11,6 +11,7 @@ from typing import Any
 
 from kennfeld import __version__
 from kennfeld.analysis.extrapolation import Extrapolation
+from kennfeld.analysis.missing.hints import Hints
 from kennfeld.base.errors import Finding
 from kennfeld.base.markup import Html, element
 from kennfeld.optimize.fit.result import Result
@@ -115,6 +116,7 @@ def document(
     result: Result | None = None,
     findings: Sequence[Finding] = (),
     extrapolation: Sequence[Extrapolation] | None = None,
+    missing: Hints | None = None,
 ) -> str:
     """Return the report on a result, or on the start values if there is none, as the text of one HTML file.
 
@@ -123,11 +125,12 @@ def document(
         result: its calibration result.
         findings: the findings of `project.check()`, which the report lists.
         extrapolation: use of surrogates outside their training data; computed by default.
+        missing: what the function lacks, if that is known.
 
     Raises:
         InputError: the project does not define a problem that can be evaluated.
     """
-    return page(collect_report_data(project, result, findings, extrapolation=extrapolation))
+    return page(collect_report_data(project, result, findings, extrapolation=extrapolation, missing=missing))
 
 
 def from_folder(project: Project, folder: str | Path, heading: ReportEntry | None = None) -> str:
@@ -158,10 +161,11 @@ def document_safely(
     result: Result,
     findings: Sequence[Finding] = (),
     extrapolation: Sequence[Extrapolation] | None = None,
+    missing: Hints | None = None,
 ) -> str:
     """Return the report on a result, or a page with the error if it cannot be created: the result must not be lost."""
     try:
-        return document(project, result, findings, extrapolation)
+        return document(project, result, findings, extrapolation, missing)
     except Exception:
         sentence = "This report could not be created; the other files of the result are complete. Please report:"
         body = element("body", element("p", sentence), element("pre", traceback.format_exc()))

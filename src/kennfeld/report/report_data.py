@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.analysis.extrapolation import Extrapolation, find_extrapolation
+from kennfeld.analysis.missing.hints import Hints
 from kennfeld.analysis.part_evaluation import PartPasses
 from kennfeld.analysis.residuals import Analysis, Fit, Residuals, analyse
 from kennfeld.analysis.validation_result import CrossValidation
@@ -108,6 +109,7 @@ class ReportData:
     recordings: tuple[RecordingQuality, ...]
     validation: CrossValidation | None
     heading: ReportEntry
+    missing: Hints | None = None
 
     @property
     def parameters(self) -> ParameterSet:
@@ -185,6 +187,7 @@ def collect_report_data(
     extrapolation: Sequence[Extrapolation] | None = None,
     validation: CrossValidation | None = None,
     heading: ReportEntry | None = None,
+    missing: Hints | None = None,
 ) -> ReportData:
     """Compute the data of a report.
 
@@ -197,6 +200,7 @@ def collect_report_data(
         extrapolation: use of surrogates outside their training data; computed by default.
         validation: a cross-validation, if there was one.
         heading: title, author and comment; by default those of the project file.
+        missing: what the function lacks; by default as `written` states it.
 
     Raises:
         InputError: the project does not define a problem that can be evaluated.
@@ -213,6 +217,7 @@ def collect_report_data(
     if result is not None and written is None:
         surrogates = [row.as_json() for row in extrapolation]
         written = result.as_json() | ({"surrogates": surrogates} if surrogates else {})
+        written |= {} if missing is None else {"missing": missing.as_json()}
     return ReportData(
         project=project,
         problem=problem,
@@ -229,6 +234,7 @@ def collect_report_data(
         recordings=Scorer(problem).scores(start, start).recordings if result is None else result.recordings,
         validation=validation,
         heading=heading or project.file.report,
+        missing=missing or Hints.from_json((written or {}).get("missing")),
     )
 
 

@@ -11,6 +11,7 @@ from kennfeld.optimize.fit.result import Result, StartResult
 from kennfeld.optimize.quality.quality import CONSTANT
 from kennfeld.report import figures
 from kennfeld.report.figures import Pictures
+from kennfeld.report.missing_section import render_missing
 from kennfeld.report.parameter_section import render_parameters
 from kennfeld.report.provenance import settings, sources
 from kennfeld.report.recording_section import render_recordings
@@ -42,6 +43,8 @@ def sections(report: ReportData, pictures: Pictures) -> Iterator[Section]:
     if report.result is not None:
         yield "undetermined", "Parameters not determined by the data", render_undetermined(report), ()
         yield "limits", "Active limits", render_limits(report), ()
+        if report.missing is not None and report.missing.lines():
+            yield "missing", "What is missing?", render_missing(report.missing, report.project.path.name), ()
         yield "search", "Search", _render_search(report, report.result, pictures), ()
     findings = [element("li", str(finding), class_=finding.severity) for finding in report.findings]
     messages = element("ul", findings, class_="remarks") if findings else note("The project check found no problems.")

@@ -42,6 +42,7 @@ from kennfeld.terminal.project_argument import find_project
 
 if TYPE_CHECKING:
     from kennfeld.analysis.extrapolation import Extrapolation
+    from kennfeld.analysis.missing.hints import Hints
     from kennfeld.domain.parameter_set import ParameterSet
     from kennfeld.optimize.fit.result import Result
     from kennfeld.project import Project
@@ -253,13 +254,17 @@ def _calibrate(
                 )
             # inputs shifted as in the fit, which has estimated by how much
             extrapolations = find_extrapolation(apply_shifts(project.problem(), result.shifts), result.parameters)
-            text = document_safely(project, result, findings, extrapolations)
-            further = {"surrogates": [row.as_json() for row in extrapolations]} if extrapolations else None
+            missing = _hints(project, result)
+            text = document_safely(project, result, findings, extrapolations, missing)
+            further: dict[str, Any] = {}
+            if extrapolations:
+                further["surrogates"] = [row.as_json() for row in extrapolations]
+            further |= {} if missing is None else {"missing": missing.as_json()}
             written = write_somewhere(result, project, folder, {"report.html": text}, further, write_findings)
     except KeyboardInterrupt:
         return _stop()
     _print_result(result, findings, extrapolations, by_file, project.path)
-    print_lines(*_hints(project, result))
+    print_lines(*([] if missing is None else missing.lines()))
     print_findings(*write_findings)
     _print_paths(project, result, written)
     if interrupt.pressed:
@@ -269,14 +274,14 @@ def _calibrate(
     return DONE if result.converged else NOT_CONVERGED
 
 
-def _hints(project: "Project", result: "Result") -> Sequence[str]:
-    """Return lines on what the function or the search lacks; none if that cannot be computed."""
+def _hints(project: "Project", result: "Result") -> "Hints | None":
+    """Return what the function or the search lacks; None if that cannot be computed."""
     from kennfeld.analysis.missing.hints import hints
 
     # a result is never lost over this
     with suppress(ArithmeticError, ValueError, KennfeldError):
         return hints(project.problem(), result)
-    return ()
+    return None
 
 
 def _stop() -> int:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 @option("--undo", "Restore the files as they were before the last proposal was written.")
 @option("--channel channels", "Pattern of the channels that take part. Repeatable.", "NAME", "all", multiple=True)
 @option("--node nodes", "Pattern of the nodes that take part. Repeatable.", "NAME", "all", multiple=True)
-@option("--kind kinds", "add, multiply, lag or delay. Repeatable.", "KIND", "all", multiple=True)
+@option("--kind kinds", "add, multiply, lag, delay or offset. Repeatable.", "KIND", "all", multiple=True)
 @option("--least", "Effect that a proposal must explain, in the unit of the target.", "X", "0", type=float, default=0.0)
 @as_json
 @trusted
@@ -43,6 +43,8 @@ def propose(
 
     All channels of the recordings take part. Nothing is written without --apply.
     """
+    from kennfeld.analysis.missing.terms import KINDS
+
     with opened_project(path, trust=trust) as project:
         if undo:
             return _undo(project)
@@ -50,7 +52,7 @@ def propose(
             found = project.propose(
                 channels=channels or ("*",),
                 nodes=nodes or ("*",),
-                kinds=kinds or ("add", "multiply", "lag", "delay"),  # type: ignore[arg-type]
+                kinds=kinds or KINDS,  # type: ignore[arg-type]
                 least=least,
                 progress=print_progress,
             )
@@ -58,10 +60,9 @@ def propose(
             raise InputError.of(Location("propose"), str(error)) from None
         except KeyboardInterrupt:
             return INTERRUPTED
-        if number is not None and found.proposals and number > len(found):
-            message = f"there is no proposal {number}, only {count_noun(len(found), 'proposal')}"
-            raise InputError.of(Location("--apply"), message, f"Write a number from 1 to {len(found)}.")
-        written = project.apply(found[number - 1]) if number is not None and found.proposals else ()
+        if number is not None:
+            _require_proposal(found, number)
+        written = () if number is None else project.apply(found[number - 1])
     if as_json:
         applied = {"applied": {"number": number, "files": [str(file) for file in written]}} if written else {}
         print_values(json.dumps(found.as_json() | applied, indent=2, ensure_ascii=False))
@@ -76,14 +77,23 @@ def propose(
     return DONE
 
 
+def _require_proposal(found: "TermProposals", number: int) -> None:
+    """Raise `InputError` if there is no proposal of a number."""
+    if number <= len(found):
+        return
+    if found.proposals:
+        message = f"there is no proposal {number}, only {count_noun(len(found), 'proposal')}"
+        raise InputError.of(Location("--apply"), message, f"Write a number from 1 to {len(found)}.")
+    rejected = "; ".join(found.rejected)
+    remedy = f"Rejected: {rejected}." if rejected else ""
+    raise InputError.of(Location("--apply"), f"there is no proposal {number}. {found.message}", remedy)
+
+
 def _print(found: "TermProposals") -> None:
     print_lines(*found.lines())
     print_lines(
         f"{found.candidates} candidates; {found.seconds[0]:.1f} s to score them, {found.seconds[1]:.1f} s to fit"
     )
-    if found.excluded:
-        print_lines("Channels that take no part:")
-        print_lines(*(f"  {name}: {reason}" for name, reason in found.excluded.items()))
 
 
 def _undo(project: "Project") -> int:

@@ -86,11 +86,14 @@ def test_channels_that_cannot_take_part_are_named_with_the_reason():
     data["constant"] = np.ones(300)
     data["gaps"] = np.where(np.arange(300) % 3, np.nan, 1.0 * np.arange(300))
     data["copy"] = 3 * data["m"] + 1e-3
-    excluded = proposed(data, kinds=["add"]).excluded
+    proposals = proposed(data, kinds=["add"])
+    excluded = proposals.excluded
     assert excluded["constant"] == "it is constant"
     assert excluded["gaps"] == "67% of its samples are missing"
     assert excluded["copy"] == "its correlation with the target m is 1.0000"
     assert excluded["m"] == "it is the target"
+    lines = str(proposals).splitlines()
+    assert {"Channels that take no part:", "  constant: it is constant"} <= set(lines)
 
 
 def test_too_few_samples_fail_with_a_sentence():
@@ -109,7 +112,7 @@ def test_a_calibration_that_has_not_ended_is_fitted_first():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"kinds": ["curve"]}, "kinds: unknown kind 'curve'. Use add, multiply, lag, delay."),
+        ({"kinds": ["curve"]}, "kinds: unknown kind 'curve'. Use add, multiply, lag, delay, offset."),
         ({"channels": "n"}, "channels='n' must be a list: channels=['n']"),
         ({"channels": ["c22"]}, "channels: the training data have no channel c22"),
         ({"nodes": ["drg"]}, "nodes: the function has no node drg. Did you mean drag?"),
@@ -133,6 +136,47 @@ def test_a_missing_lag_is_found_with_its_time_constant():
     assert first.term.seconds == pytest.approx(1.5, rel=0.05)
     assert first.change == f"Delay y by a PT1 of about {first.term.seconds:.3g} s"
     assert not any(proposal.term.channel == "bait" for proposal in proposals.proposals)
+
+
+@pytest.mark.parametrize("steps", [7, 17])
+def test_a_missing_delay_is_found_to_the_step(steps):
+    rng = np.random.default_rng(1)
+    u, v = np.cumsum(rng.normal(size=(2, 1500)), axis=1) / 10
+    clean = 3 * np.concatenate([np.full(steps, u[0]), u[:-steps]]) + 2 * v
+    data = {"u": u, "v": v, "time": 0.1 * np.arange(1500), "m": clean + 0.05 * rng.normal(size=1500)}
+    proposals = kf.propose("heat = k * u\ny = heat + q * v", data, {"k": 2.0, "q": 1.0}, "m", kinds=["delay"])
+    first = proposals[0]
+    assert (first.term.node, first.term.steps) == ("heat", steps)
+    assert first.rmse.after == pytest.approx(0.05, rel=0.1)
+
+
+def days(offsets, *, correlated=False, samples=400, seed=0):
+    rng = np.random.default_rng(seed)
+    data = []
+    for offset in offsets:
+        u = np.repeat(rng.uniform(0, 1, samples // 10), 10)
+        noise = rng.normal(size=samples)
+        for at in range(1, samples if correlated else 0):
+            noise[at] = 0.95 * noise[at - 1] + np.sqrt(1 - 0.95**2) * noise[at]
+        data.append({"time": 0.1 * np.arange(samples), "u": u, "m": 3 * u + 2 + offset + 0.1 * noise})
+    return data
+
+
+def test_an_offset_of_each_recording_is_found():
+    offsets = [0.2, -0.1, 0.0, -0.3]
+    proposals = kf.propose("y = a + k * u", days(offsets), {"a": 1.0, "k": 2.0}, "m", kinds=["offset", "lag"])
+    first = proposals[0]
+    assert (first.change, first.held_name) == ("Add an offset of each recording to y", "blocks")
+    np.testing.assert_allclose([*first.offsets.values()], np.array(offsets) - np.mean(offsets), atol=0.02)
+    assert first.rmse.after == pytest.approx(0.1, rel=0.05)
+    assert first.remark.startswith("Largest: training +0.25")
+    json.dumps(proposals.as_json(), allow_nan=False)
+
+
+def test_errors_that_are_correlated_in_time_give_no_offsets():
+    for seed in range(3):
+        data = days([0.0] * 4, correlated=True, seed=seed)
+        assert not kf.propose("y = a + k * u", data, {"a": 1.0, "k": 2.0}, "m", kinds=["offset"]).proposals
 
 
 def test_an_effect_below_the_least_is_left_out():

@@ -7,10 +7,11 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.analysis.missing.candidate_sums import block_sums, family_sums
+from kennfeld.analysis.missing.channels import Channels
 from kennfeld.analysis.missing.families import HatAxis, channel_families, series_families
 from kennfeld.analysis.missing.probes import Nodes, Probes, factor, offset
-from kennfeld.analysis.missing.proposing import _series
 from kennfeld.analysis.missing.score import Linearisation
+from kennfeld.analysis.missing.scoring import score_problem, trial_series
 from kennfeld.analysis.missing.terms import MissingTerm, extended_model
 from kennfeld.optimize.problem.options import Options
 from kennfeld.optimize.problem.setup import ProblemSetup
@@ -130,7 +131,7 @@ def test_a_node_and_its_factor_have_the_slopes_of_differences():
 def test_lags_and_delays_are_scored_as_columns_of_a_linear_problem():
     data = columns() | {"time": 0.1 * np.arange(300)}
     problem, result = fitted("y = C(x)", {"C": CURVE}, data, smoothness=1.0)
-    series = _series(problem, ["y"], ["lag", "delay"])
+    series = trial_series(problem, ["y"], ["lag", "delay"])
     scores, _ = scores_of(problem, (), series=series)
     lag = next(score for score in scores.values() if score.term.kind == "lag")
     y = kf.simulate("y = C(x)", data, problem.parameters)["y"].values
@@ -143,6 +144,9 @@ def test_lags_and_delays_are_scored_as_columns_of_a_linear_problem():
     extended = data | {"u": later - y}
     refit = refit_with_column(extended)
     assert delay.gain == pytest.approx(result.cost_after - refit.cost_after, rel=1e-8)
+    # a delay has no size that could be fitted
+    whole = kf.calibrate("y = C(x) + u", extended, {"C": CURVE}, "m", smoothness={"C": 1.0}, options=EXACT)
+    assert delay.whole == pytest.approx(result.cost_after - whole.cost_after, rel=1e-8)
 
 
 def test_columns_that_the_function_can_produce_itself_are_skipped():
@@ -158,3 +162,15 @@ def test_a_term_without_a_node_is_refused():
     model = kf.formula("y = k * x", parameters=["k"])
     with pytest.raises(kf.ArgumentError, match="no node nothing"):
         extended_model(model, MissingTerm("nothing", "add", "z", (0.0, 1.0)), "New")
+
+
+def test_a_level_with_slow_errors_makes_no_fast_channel_significant():
+    rng = np.random.default_rng(0)
+    count = 6000
+    slow = np.cumsum(rng.normal(size=count)) * 0.02
+    u = 2 + np.sin(np.arange(count) / 300)
+    data = {name: rng.normal(size=count) for name in ("x", "z", "w")} | {"u": u, "time": 0.1 * np.arange(count)}
+    # a constant at y is not what k can produce: its errors have few degrees of freedom
+    problem, _ = fitted("y = k * u", {"k": 1.0}, data | {"m": 3 * u + slow + 0.01 * rng.normal(size=count)})
+    scored = score_problem(problem, Channels(tuple(AXES), {}), Nodes.of(problem), ["add"])
+    assert min(score.p for score in scored.scores) > 1e-4

@@ -12,6 +12,7 @@ TEXT = (
     "# a sensor\r\n1 a[Nm] = M(x) - b  # the base\r\nb = prev(%long name%, 0) + x\r\n"
     "%long name%[-] = if(a > 1, (a\r\n  + 2), b)\r\ny = -a ^ 2\r\n"
     "w = PT1(x, 2)\r\nv = w + 2 * prev(w, 0) + integrator(w)\r\n"
+    "2 s[K] = (0.9 * prev(%s%, 1) +\r\n  if(prev(s, 1) > 3, x, 1))  # feeds back\r\nr = s - x\r\n"
 )
 NAMES = ["M"]
 
@@ -23,7 +24,7 @@ def addition(node, kind, **settings):
 
 TERMS = [
     addition(node, kind, **settings)
-    for node in ("a", "b", "long name", "y", "w")
+    for node in ("a", "b", "long name", "y", "w", "s")
     for kind, settings in (
         ("add", {"channel": "z", "breakpoints": (0.0, 1.0)}),
         ("multiply", {"channel": "n [rpm]", "breakpoints": (0.0, 1.0)}),
@@ -47,7 +48,7 @@ def test_the_patched_text_is_the_function_with_the_term(term):
         effect = [0.3, 0.7] if term.parameter.axes else [2.0]
         values = values.with_parameters(term.parameter.with_values(effect))
     patched_nodes, corrected = (kf.simulate(each, data, values) for each in (model, expected))
-    for name in ("a", "b", "long name", "y", "w", "v"):
+    for name in ("a", "b", "long name", "y", "w", "v", "s", "r"):
         np.testing.assert_array_equal(patched_nodes[name].values, corrected[name].values)
 
 
@@ -76,6 +77,12 @@ def test_a_text_without_the_node_has_no_patch():
     assert with_term("y = C(x)\n", addition("z", "lag", seconds=1.0)) is None
 
 
-def test_a_node_by_its_own_earlier_values_is_not_changed():
+def test_a_node_by_its_own_earlier_values_keeps_them_under_another_name():
     term = addition("y", "add", channel="z", breakpoints=(0.0, 1.0))
-    assert with_term("y = 0.9 * prev(y, 0) + x", term) is None
+    patched = with_term("y[K] = 0.9 * prev(y) + x  # wall\nw = y\n", term, taken={"y_inner"})
+    assert patched == "y_inner2[K] = 0.9 * prev(y_inner2) + x  # wall\ny[K] = y_inner2 + New(z)\nw = y\n"
+
+
+def test_a_node_whose_earlier_values_others_read_as_well_is_not_changed():
+    term = addition("y", "add", channel="z", breakpoints=(0.0, 1.0))
+    assert with_term("y = 0.9 * prev(y, 0) + x\nw = max(delay(1 - y, 2, 0), 1)\n", term) is None

@@ -6,6 +6,7 @@ from fnmatch import fnmatchcase
 import numpy as np
 
 from kennfeld.analysis.missing.families import HatAxis
+from kennfeld.analysis.missing.recordings import RECORDING
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.formatting import nearest
@@ -14,6 +15,7 @@ from kennfeld.domain.breakpoint_rounding import rounded, separated
 from kennfeld.domain.dataset import Dataset
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.preprocessing.quantiles import DigitCounts, Digits, count_digits, quantiles
+from kennfeld.preprocessing.recordings import RECORDING as NUMBER
 
 POINTS = 6  # breakpoints of a curve
 ENDS = 0.01  # share of the samples beyond each end
@@ -42,7 +44,7 @@ class Channels:
             ArgumentError: a pattern matches no channel.
         """
         datasets = problem.fitted_datasets
-        known = dict.fromkeys(name for data in datasets for name in data)
+        known = dict.fromkeys(name for data in datasets for name in data if name != RECORDING)
         inputs = {channel: name for name, channel in _inputs(problem).items()}
         for pattern in patterns:
             if not any(fnmatchcase(name, pattern) or inputs.get(name) == pattern for name in known):
@@ -77,6 +79,8 @@ def _reason(problem: Problem, datasets: Sequence[Dataset], name: str) -> str:
     targets = _targets(problem)
     if name in targets:
         return "it is the target"
+    if name == NUMBER:
+        return "it numbers the recordings"
     graph = problem.model.graph
     if name in graph.names or name in graph.parameters:
         return "a node or a parameter of the function has its name"

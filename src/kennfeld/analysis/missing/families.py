@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kennfeld.analysis.missing.probes import Probes, factor, offset
+from kennfeld.analysis.missing.recordings import RECORDING
 from kennfeld.analysis.missing.terms import Kind, MissingTerm
 from kennfeld.base.arrays import Float, Int
 from kennfeld.base.lazy_dataclass import dataclass
@@ -104,6 +105,15 @@ def channel_families(
                 tuple(MissingTerm(node, kind, axis.name, axis.points) for axis in own) for _, node, kind in some
             )
             yield Family(tuple(name for name, _, _ in some), terms, own)
+
+
+def offset_families(probes: Probes, constant: frozenset[str], recordings: int) -> Iterator[Family]:
+    """Yield the families of offsets of each recording, at the nodes that are not constant."""
+    points = tuple(float(number) for number in range(recordings + 1))
+    pairs = [(offset(number), node) for number, node in enumerate(probes.nodes) if node not in constant]
+    for some in _groups(pairs, MAX_FACTORS):
+        terms = tuple((MissingTerm(node, "offset", breakpoints=points),) for _, node in some)
+        yield Family(tuple(name for name, _ in some), terms, (HatAxis(RECORDING, RECORDING, points),))
 
 
 def _by_hats(axes: Sequence[HatAxis], most: int) -> Iterator[tuple[HatAxis, ...]]:

@@ -1,50 +1,122 @@
 """Lines after a calibration: what the best term would take off the cost, and what the values themselves would."""
 
+from dataclasses import replace
+from typing import Any
+
+from kennfeld.analysis.missing.excerpt import excerpt
 from kennfeld.base.arrays import ignore_floating_errors
-from kennfeld.optimize.fit.result import Result
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.optimize.fit.result import Result, Seconds
 from kennfeld.optimize.problem.problem import Problem
 
 SHARE_OF_TIME = 0.1  # of a calibration, that scores may take
-COMPILATIONS, EVALUATIONS = 4.0, 40.0  # that scores take as long as, at most
+ALWAYS = 0.3  # s that they may take after any
+EVALUATIONS = 20.0  # of the calibration, that scores of all samples take as long as
+PER_NODE, PER_CUBE = 4e-4, 1e-10  # s for a node of the graph to be compiled, for a value cubed to be factored
+FEWEST = 20_000  # samples that are always scored, which takes less than ALWAYS
+MAX_NODES = 12  # the last of the function, which take part
+LAGS = 3  # time constants that are tried
 LEAST = 0.01  # share of the cost that is worth a line
 UNFINISHED = 1e-3  # the same, of what the values themselves would take off
 
 
-def hints(problem: Problem, result: Result) -> list[str]:
-    """Return at most two lines on a calibration.
+@dataclass(frozen=True)
+class Hints:
+    """The terms that a calibrated function may lack.
 
-    Candidates are scored only if that takes no more than a tenth of the time of the calibration, and only channels that
-    the function reads take part.
+    Attributes:
+        share_left: share of the cost that the values themselves would take off, if the search stopped early.
+        scored: True if terms were scored, which takes too long after the calibration of some large functions.
+        best: the best term in words; "" if none is significant.
+        share: share of the cost that it would take.
+
+    >>> Hints(scored=True, best="Add a curve of Throttle to dragTorque", share=0.12).lines()
+    ['Add a curve of Throttle to dragTorque: would take 12% off the cost; see kennfeld propose.']
     """
-    lines = []
+
+    share_left: float = 0.0
+    scored: bool = False
+    best: str = ""
+    share: float = 0.0
+
+    def lines(self) -> list[str]:
+        """Return at most two sentences."""
+        lines = []
+        if self.share_left > UNFINISHED:
+            lines.append(f"{self.share_left:.1%} of the cost is still to be had from the values themselves.")
+        if self.best and self.share >= LEAST:
+            lines.append(f"{self.best}: would take {self.share:.0%} off the cost; see kennfeld propose.")
+        elif self.scored:
+            text = "No lag, and no curve of a channel that the function reads, would take 1% off the cost"
+            lines.append(f"{text}; kennfeld propose tries all channels.")
+        return lines
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the entry `missing` of `result.json`."""
+        shares = {"share_left": float(f"{self.share_left:.6g}"), "share": float(f"{self.share:.6g}")}
+        return {"scored": self.scored, "best": self.best, **shares}
+
+    @classmethod
+    def from_json(cls, content: Any) -> "Hints | None":
+        """Return what `as_json` has written; None if it is something else."""
+        match content:
+            case {"scored": bool(scored), "best": str(best), "share_left": float() | int() as left, "share": share}:
+                return cls(float(left), scored, best, float(share)) if isinstance(share, int | float) else None
+        return None
+
+
+def hints(problem: Problem, result: Result) -> Hints:
+    """Return what a calibrated function lacks.
+
+    Only channels that the function reads take part, and of large data as many samples as can be scored in a tenth of
+    the time of the calibration. No terms are scored if the function alone is too large for that.
+
+    Args:
+        problem: as it was calibrated, with its start.
+        result: of the calibration.
+    """
     certificate = result.certificate
-    if not result.converged and certificate is not None and certificate.predicted_decrease > UNFINISHED:
-        share = certificate.predicted_decrease
-        lines.append(f"{share:.1%} of the cost is still to be had from the values themselves.")
-    if is_affordable(result) and problem.partitions is None:
-        lines += _best(problem, result)
-    return lines
+    left = 0.0 if result.converged or certificate is None else certificate.predicted_decrease
+    # of data in partitions, this process has an excerpt
+    settled = _settled(replace(problem, partitions=None), result)
+    samples = sum(data.samples for data in settled.fitted_datasets)
+    fixed = PER_NODE * len(problem.model.graph.nodes) + PER_CUBE * problem.free_size**3
+    count = affordable_samples(result.seconds, result.evaluations, samples, fixed)
+    return _scored(excerpt(settled, count / max(samples, 1)), left) if count else Hints(left)
 
 
-def is_affordable(result: Result) -> bool:
-    """Return if scores take no more than their share of the time of a calibration."""
-    seconds, evaluations = result.seconds, max(result.evaluations, 1)
-    estimate = COMPILATIONS * seconds.compile + EVALUATIONS * seconds.optimize / evaluations
-    return estimate <= SHARE_OF_TIME * seconds.total
+def affordable_samples(seconds: Seconds, evaluations: int, samples: int, fixed: float) -> int:
+    """Return how many samples can be scored in a share of the time of a calibration; 0 if none.
+
+    Args:
+        seconds: of the calibration.
+        evaluations: of the calibration.
+        samples: of the training data.
+        fixed: time that scores take whatever the samples, in s.
+    """
+    allowed = SHARE_OF_TIME * seconds.total
+    if fixed > max(allowed, ALWAYS):
+        return 0
+    each = EVALUATIONS * seconds.optimize / max(evaluations, 1) / max(samples, 1)
+    return max(FEWEST, int(min((allowed - fixed) / each, samples)) if each > 0 else samples)
 
 
-def _best(problem: Problem, result: Result) -> list[str]:
-    # a short calibration, which is not prolonged, does not wait for these modules either
+def _settled(problem: Problem, result: Result) -> Problem:
+    from kennfeld.analysis.missing.proposing import settled_problem
+
+    return settled_problem(problem, result)
+
+
+def _scored(problem: Problem, left: float) -> Hints:
     from kennfeld.analysis.missing.channels import Channels
     from kennfeld.analysis.missing.probes import Nodes
     from kennfeld.analysis.missing.proposal import describe
-    from kennfeld.analysis.missing.proposing import score_problem, settled_problem
+    from kennfeld.analysis.missing.scoring import score_problem
     from kennfeld.analysis.missing.shortlist import significant
 
-    problem = settled_problem(problem, result)
+    nodes = Nodes.of(problem)
+    last = replace(nodes, names=nodes.names[-MAX_NODES:])
     with ignore_floating_errors():
-        scored = score_problem(problem, Channels.of(problem), Nodes.of(problem), ("add", "multiply", "lag"))
+        scored = score_problem(problem, Channels.of(problem), last, ("add", "multiply", "lag"), LAGS)
     best = significant(scored.scores)[:1]
-    if not best or scored.share < LEAST:
-        return []
-    return [f"{describe(best[0].term)}: would take {scored.share:.0%} off the cost; see kennfeld propose."]
+    return Hints(left, True, describe(best[0].term) if best else "", scored.share)

@@ -1,5 +1,6 @@
 """The result of a search for missing terms."""
 
+from collections.abc import Sequence
 from dataclasses import field, replace
 from typing import Any
 
@@ -85,6 +86,7 @@ class TermProposal:
         location: where the node is in the source of the function.
         patch: the change of the formula text and the project file, as text.
         addition: how it is added to the problem.
+        offsets: of each recording by its name, for an offset.
         held_out_parts: the errors on each held-out part.
         fit: the fit with the term to all training data.
 
@@ -109,6 +111,7 @@ class TermProposal:
     location: str = ""
     patch: str = ""
     addition: Addition | None = field(default=None, repr=False)
+    offsets: dict[str, float] = field(default_factory=dict)
     held_out_parts: tuple[HeldOutErrors, ...] = field(default=(), repr=False)
     fit: Result | None = field(default=None, repr=False)
 
@@ -137,8 +140,20 @@ class TermProposal:
 
     @property
     def remark(self) -> str:
-        """The other places that explain as much, in words; "" if none do."""
+        """The largest offsets, and the other places that explain as much, in words; "" if there are none."""
         nodes = list(dict.fromkeys(place.node for place in self.equal_places if place.node != self.term.node))
+        return " ".join(text for text in (self._largest, self._places(nodes)) if text)
+
+    @property
+    def _largest(self) -> str:
+        if not self.offsets:
+            return ""
+        unit = f" {self.unit}" if self.unit and len(self.equal_places) == 0 else ""
+        far = sorted(self.offsets.items(), key=lambda item: -abs(item[1]))[:3]
+        texts = [f"{name} {value:+.3g}{unit}" for name, value in far]
+        return f"Largest: {', '.join(texts)}."
+
+    def _places(self, nodes: Sequence[str]) -> str:
         if not nodes:
             return ""
         names = ", ".join([self.term.node, *nodes[:-1]]) + f" and {nodes[-1]}"
@@ -164,8 +179,11 @@ class TermProposal:
             "location": self.location,
             "seconds": _rounded(self.term.seconds) if self.term.kind == "lag" else None,
             "steps": self.term.steps or None,
-            "breakpoints": list(self.term.breakpoints),
-            "values": [] if self.parameter is None else _rounded_together(self.parameter.values.ravel()),
+            "offsets": {name: _rounded(value) for name, value in self.offsets.items()},
+            "breakpoints": [] if self.offsets else list(self.term.breakpoints),
+            "values": []
+            if self.parameter is None or self.offsets
+            else _rounded_together(self.parameter.values.ravel()),
         }
 
 
@@ -173,6 +191,8 @@ def describe(term: MissingTerm, seconds: float | None = None) -> str:
     """Return what a term does to its node, in words."""
     if term.kind == "lag":
         return f"Delay {term.node} by a PT1 of about {term.seconds if seconds is None else seconds:.3g} s"
+    if term.kind == "offset":
+        return f"Add an offset of each recording to {term.node}"
     if term.kind == "delay":
         return f"Delay {term.node} by {term.steps} step{'s' * (term.steps != 1)}"
     verb, preposition = ("Add", "to") if term.kind == "add" else ("Scale", "by")
@@ -235,7 +255,8 @@ class TermProposals:
             lines.append(f"{number}  {proposal.text}")
             lines += [f"   {proposal.remark}"] if proposal.remark else []
         lines += [f"-  {text}" for text in self.rejected]
-        return [*lines, self.message]
+        excluded = [f"  {name}: {reason}" for name, reason in self.excluded.items()]
+        return [*lines, self.message, *(["Channels that take no part:"] if excluded else []), *excluded]
 
     def as_json(self) -> dict[str, Any]:
         """Return what `kennfeld propose --json` prints."""

@@ -7,17 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from kennfeld.analysis.missing.candidate_sums import (
-    BlockSums,
-    FamilySums,
-    block_sums,
-    family_sums,
-    merged,
-    merged_blocks,
-)
 from kennfeld.analysis.missing.channels import Channels
-from kennfeld.analysis.missing.families import Family, Series, channel_families, series_families
-from kennfeld.analysis.missing.probes import Nodes, Probes, factor, offset
+from kennfeld.analysis.missing.probes import Nodes
 from kennfeld.analysis.missing.proposal import (
     EqualPlace,
     HeldOutErrors,
@@ -26,6 +17,7 @@ from kennfeld.analysis.missing.proposal import (
     TermProposals,
     describe,
 )
+from kennfeld.analysis.missing.recordings import numbered
 from kennfeld.analysis.missing.refit import (
     Addition,
     HeldOut,
@@ -35,15 +27,15 @@ from kennfeld.analysis.missing.refit import (
     pooled,
     refit_options,
 )
-from kennfeld.analysis.missing.score import Linearisation, TermScore, smallest_gain
-from kennfeld.analysis.missing.shortlist import LEVEL, CandidateGroup, shortlist, significant
-from kennfeld.analysis.missing.terms import KINDS, OF_CHANNELS, Kind
+from kennfeld.analysis.missing.scoring import Scored, score_problem
+from kennfeld.analysis.missing.shortlist import LEVEL, CandidateGroup, shortlist
+from kennfeld.analysis.missing.terms import KINDS, Kind
 from kennfeld.base.arrays import ignore_floating_errors
 from kennfeld.base.errors import ArgumentError, renamed
 from kennfeld.base.formatting import nearest
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.base.threads import blas_threads
 from kennfeld.domain.dataset import Use
+from kennfeld.domain.parameters import Parameter
 from kennfeld.optimize.fit.result import Result
 from kennfeld.optimize.problem.options import Options
 from kennfeld.optimize.problem.partitions import Partition, join_files
@@ -51,14 +43,8 @@ from kennfeld.optimize.problem.problem import Problem, bound_time_constants
 from kennfeld.optimize.problem.setup import ProblemSetup
 from kennfeld.optimize.search.isolated_call import isolated
 from kennfeld.optimize.search.multistart import run
-from kennfeld.optimize.sums.compiled import CompiledProblem
-from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlocks
 from kennfeld.optimize.tuning.shift_estimation import apply_shifts
 
-BLOCKS = 40  # of recordings in time, from which the dispersion of scores follows
-LAGS = 10  # time constants that are tried
-DELAYS = (1, 2, 3, 5, 8, 13, 21, 34, 55)  # steps that are tried
-LONGEST = 0.1  # share of a recording, of a lag or a delay
 UNFINISHED = 1e-3  # share of the cost that the values themselves would take off, from which a fit has not ended
 MARGIN = 5e-3  # of the held-out RMSE, by which a term must lower it
 FEWEST = 20  # samples more than there are values
@@ -134,7 +120,8 @@ def propose(
         target: the channel that the model's output shall follow.
         channels: glob patterns of the channels that take part.
         nodes: glob patterns of the nodes that take part.
-        kinds: `add` and `multiply` by a curve of a channel, `lag` by a PT1, `delay` by steps.
+        kinds: `add` and `multiply` by a curve of a channel, `lag` by a PT1, `delay` by steps, `offset` of each
+            recording.
         least: effect that a proposal must explain on held-out data, in the unit of the target.
         options: of the fits.
         progress: called with lines of text.
@@ -176,103 +163,16 @@ def find_terms(
         return _TermSearch(problem, scope, refit_options(options), report, watch or (lambda search: None)).proposals()
 
 
-@dataclass(frozen=True)
-class Scored:
-    """The scores of all candidates of a problem.
-
-    Attributes:
-        scores: of the candidates.
-        own_share: share of the cost that the values themselves would take off.
-        cost: of the data and of the roughness.
-        weights: sum of the weights; the cost of the data divided by it is a mean square.
-        smallest: cost of the least effect of a curve that is significant.
-        problem: with the values at which it is linearised.
-    """
-
-    scores: tuple[TermScore, ...]
-    own_share: float
-    data_cost: float
-    weights: float
-    smallest: float
-
-    @property
-    def share(self) -> float:
-        """Share of the cost that the best significant candidate takes off; 0 without one."""
-        best = significant(self.scores)[:1]
-        return best[0].gain / self.data_cost if best and self.data_cost > 0 else 0.0
-
-
-def score_problem(problem: Problem, channels: Channels, nodes: Nodes, kinds: Sequence[Kind]) -> Scored:
-    """TermScore all candidates at the values of a problem.
-
-    Args:
-        problem: with its values, without automatic settings.
-        channels: that take part.
-        nodes: that take part.
-        kinds: that take part.
-    """
-    probes = Probes.of(problem, nodes.names)
-    compiled = CompiledProblem(probes.problem)
-    full = compiled.start
-    held = HoldoutBlocks.of(compiled, BLOCKS)
-    divisions, blocks = (held.divisions, held.sizes.size) if held is not None else ({}, 0)
-    own: Sequence[BlockSums] = [*compiled.each(block_sums, full, divisions, blocks)]
-    names = [name for number in range(len(nodes.names)) for name in (offset(number), factor(number))]
-    with blas_threads(compiled.values.free):
-        linear = Linearisation(compiled, full, merged_blocks(own), names)
-        scores: list[TermScore] = []
-        for family in _families(problem, probes, channels, nodes, kinds, compiled):
-            sums: FamilySums = merged(compiled.each(family_sums, family, full, divisions, blocks))
-            scores += linear.scores(family, sums)
-    dispersions = [score.dispersion for score in scores] or [linear.variance]
-    freedom = linear.blocks - 1.0 if linear.blocks else max(linear.count - linear.rank, 1.0)
-    typical = float(np.median(dispersions))
-    smallest = smallest_gain(typical, 5, freedom, LEVEL / max(len(scores), 1)) if typical > 0 else 0.0
-    share = linear.own_gain / linear.cost if linear.cost > 0 else 0.0
-    return Scored(tuple(scores), share, linear.cost, compiled.weights, smallest)
-
-
-def _families(
-    problem: Problem,
-    probes: Probes,
-    channels: Channels,
-    nodes: Nodes,
-    kinds: Sequence[Kind],
-    compiled: CompiledProblem,
-) -> Sequence[Family]:
-    of_channels = [kind for kind in kinds if kind in OF_CHANNELS]
-    families = [*channel_families(probes, channels.axes, of_channels, nodes.constant, compiled.values.free)]
-    moving = [name for name in nodes.names if name not in nodes.constant]
-    return [*families, *series_families(probes, _series(problem, moving, kinds), compiled.sample_count)]
-
-
-def _series(problem: Problem, nodes: Sequence[str], kinds: Sequence[Kind]) -> list[Series]:
-    """Return the lags and delays that are tried, if all training data have time."""
-    datasets = problem.fitted_datasets
-    if any(data.time is None or data.settling is not None for data in datasets):
-        return []
-    steps = [float(np.median(np.diff(data.time))) for data in datasets if data.time is not None and data.samples > 1]
-    pieces = [piece.stop - piece.start for data in datasets for piece in data.pieces]
-    if problem.partitions is not None:
-        pieces = [part.last - part.first for each in problem.partitions.training for part in each.parts]
-    if not steps or max(pieces, default=0) < 10:
-        return []
-    step, longest = float(np.median(steps)), LONGEST * max(pieces)
-    constants = np.geomspace(2 * step, max(longest * step, 4 * step), LAGS)
-    lags = [float(f"{seconds:.2g}") for seconds in constants] if "lag" in kinds else []
-    delays = [count for count in DELAYS if count <= longest] if "delay" in kinds else []
-    return [
-        *(Series(node, "lag", seconds=seconds) for node in nodes for seconds in dict.fromkeys(lags)),
-        *(Series(node, "delay", steps=count) for node in nodes for count in delays),
-    ]
-
-
 class _TermSearch:
     def __init__(self, problem: Problem, scope: SearchScope, options: Options, report: Report, watch: Watch) -> None:
         self._scope, self._options, self._report, self._watch = scope, options, report, watch
         self._remarks: list[str] = []
         self._began = time.perf_counter()
-        self._base = self._fitted(_with_whole_files(problem))
+        self._names: tuple[str, ...] = ()
+        problem = _with_whole_files(problem)
+        if "offset" in scope.kinds:
+            problem, self._names = numbered(problem)
+        self._base = self._fitted(problem)
         self._unit = _unit(problem)
 
     def _fitted(self, problem: Problem) -> tuple[Problem, Result]:
@@ -355,13 +255,16 @@ class _TermSearch:
         """Return the proposals, and in words the candidates that are no better on data that their fit has not seen."""
         problem, _ = self._base
         self._report("fitting the function to parts of the data")
-        name, parts = hold_out(problem, self._options)
         kept: list[TermProposal] = []
         rejected: list[str] = []
+        held: dict[bool, tuple[str, list[HeldOut]]] = {}
         for number, group in enumerate(groups, 1):
             self._report(f"fitting candidate {number} of {len(groups)}: {describe(group.best.term)}")
             addition = Addition.of(problem, group.best)
-            change = self._held_out(name, parts, addition)
+            whole = group.best.term.kind != "offset"
+            if whole not in held:
+                held[whole] = hold_out(problem, self._options, whole=whole)
+            change = self._held_out(*held[whole], addition)
             reason = self._fault(change)
             if reason:
                 rejected.append(f"{describe(group.best.term)}: {reason}")
@@ -408,7 +311,7 @@ class _TermSearch:
         """Return if a proposal lowers the error on held-out parts of the function with the better ones."""
         if proposal.addition is None:
             return False
-        name, parts = hold_out(problem, self._options)
+        name, parts = hold_out(problem, self._options, whole=proposal.term.kind != "offset")
         return not self._fault(self._held_out(name, parts, proposal.addition))
 
     def _held_out(self, name: str, parts: Sequence[HeldOut], addition: Addition) -> "HeldOutChange":
@@ -461,9 +364,14 @@ class _TermSearch:
             unit=self._unit,
             location="" if location is None else str(location),
             addition=addition,
+            offsets=self._offsets(parameter) if term.kind == "offset" else {},
             held_out_parts=held.errors,
             fit=refit,
         )
+
+    def _offsets(self, parameter: Parameter | None) -> dict[str, float]:
+        values = [] if parameter is None else parameter.values.tolist()
+        return dict(zip(self._names, values, strict=False))
 
 
 class HeldOutChange(NamedTuple):
@@ -476,8 +384,9 @@ class HeldOutChange(NamedTuple):
     errors: tuple[HeldOutErrors, ...]
 
 
-def _error(proposal: TermProposal) -> float:
-    return float(f"{proposal.held_out.after:.6g}")
+def _error(proposal: TermProposal) -> tuple[bool, float]:
+    """Return the order: recordings held out whole are harder to meet than the parts of them that judge an offset."""
+    return proposal.term.kind == "offset", float(f"{proposal.held_out.after:.6g}")
 
 
 def _change(before: Result, after: Result, use: Use) -> RmseChange:

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.analysis.cross_validation import Fold, PartitionFold, fold_problem, folds_of, name_partitions
+from kennfeld.analysis.cross_validation import Fold, Kind, PartitionFold, fold_problem, folds_of, name_partitions
 from kennfeld.analysis.missing.score import TermScore
 from kennfeld.analysis.missing.terms import MissingTerm, extended_model
 from kennfeld.base.errors import InputError, Location
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.domain.constraints import Pin
+from kennfeld.domain.constraints import Equality, Pin, Term
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
 from kennfeld.optimize.fit.result import Result
@@ -41,13 +41,16 @@ class Addition:
         term: the term.
         parameter: the new parameter without effect; None for a delay.
         smoothness: of a curve.
-        pin: holds one value of a curve whose size the function can take over; None for others.
+        pin: holds one value of a curve whose size the function can take over, or the offset of recordings that were
+            not fitted; None for others.
+        constraints: that offsets of recordings have no mean, if the function can take it over.
     """
 
     term: MissingTerm
     parameter: Parameter | None
     smoothness: float = 0.0
     pin: Pin | None = None
+    constraints: tuple[Equality, ...] = ()
 
     @classmethod
     def of(cls, problem: Problem, score: TermScore) -> "Addition":
@@ -59,6 +62,11 @@ class Addition:
         parameter = term.parameter(label) if label else None
         if parameter is None or not parameter.axes:
             return cls(term, parameter)
+        if term.kind == "offset":
+            *numbers, others = term.breakpoints
+            mean = Equality(tuple(Term(label, (number,)) for number in numbers), 0.0)
+            free = score.columns == len(numbers)
+            return cls(term, parameter, 0.0, Pin(label, (others,), 0.0), () if free else (mean,))
         smoothness = float(f"{SMOOTHNESS * score.curvature:.0e}")
         if score.columns == parameter.size:
             return cls(term, parameter, smoothness)
@@ -80,6 +88,7 @@ class Addition:
             free=(*problem.free, name),
             smoothness={**problem.smoothness, **smooth},
             pins=(*problem.pins, *([] if self.pin is None else [self.pin])),
+            constraints=(*problem.constraints, *self.constraints),
         )
 
 
@@ -102,17 +111,24 @@ class HeldOut:
     name: str = ""
 
 
-def hold_out(problem: Problem, options: Options) -> tuple[str, list[HeldOut]]:
-    """Return what is held out, in words, and the parts."""
+def hold_out(problem: Problem, options: Options, *, whole: bool = True) -> tuple[str, list[HeldOut]]:
+    """Return what is held out, in words, and the parts.
+
+    Args:
+        problem: the problem.
+        options: of the fits without them.
+        whole: True if whole recordings are held out where there are enough.
+    """
     folds: Sequence[Fold | PartitionFold]
     if problem.partitions is not None:
         name, folds = "files", _file_folds(problem.partitions.training)
     else:
         datasets = problem.fitted_datasets
         memory = any(data.time is not None for data in datasets) or bool(problem.model.graph.states)
-        folds = folds_of(datasets, FOLDS, "auto", memory=memory)
-        pieces = sum(len(data.pieces) for data in datasets)
-        name = "files" if pieces >= FOLDS else "blocks" if memory else "samples"
+        files = whole and sum(len(data.pieces) for data in datasets) >= FOLDS
+        kind: Kind = "files" if files else "blocks" if memory else "random"
+        name = "samples" if kind == "random" else kind
+        folds = folds_of(datasets, FOLDS, kind, memory=memory)
     parts = []
     for fold in folds:
         part = fold_problem(problem, fold)

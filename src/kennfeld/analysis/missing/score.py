@@ -21,10 +21,12 @@ from functools import cached_property
 import numpy as np
 
 from kennfeld.analysis.missing.candidate_sums import BlockSums, FamilySums
+from kennfeld.analysis.missing.f_distribution import f_quantile, f_tail
 from kennfeld.analysis.missing.families import Family
 from kennfeld.analysis.missing.terms import MissingTerm
 from kennfeld.base.arrays import Float
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.native.cholesky import Factor
 from kennfeld.native.symmetric import as_array
 from kennfeld.optimize.limits.linear_limits import linear_limits
 from kennfeld.optimize.sums.compiled import CompiledProblem
@@ -35,6 +37,7 @@ from kennfeld.optimize.trust.pressing_limits import TouchedLimits
 SINGULAR = 1e-10  # of a unit diagonal: what a value must add to be no combination of the others
 EXPLAINED = 1e-4  # of its own square: what the function leaves of a column that it can produce itself
 FEWEST_BLOCKS = 8  # from which the dispersion follows from blocks
+FEWEST_FREEDOM = 4.0  # of a dispersion; with less, almost nothing would be significant
 MAX_SPECTRUM = 2000  # values up to which undetermined directions are found by eigenvalues
 
 
@@ -50,6 +53,8 @@ class TermScore:
         predicted: the cost of the data alone with the candidate.
         p: probability of a gain at least as large without a missing term.
         curvature: mean curvature of the cost by the values of a curve.
+        whole: reduction of the cost by a term without a value of its own, such as a delay; the gain is that of a
+            multiple of it.
     """
 
     term: MissingTerm
@@ -59,11 +64,12 @@ class TermScore:
     predicted: float
     p: float
     curvature: float = 0.0
+    whole: float | None = None
 
     @property
     def merit(self) -> float:
         """The gain less twice what chance gains on average (H. Akaike, 1974)."""
-        return self.gain - 2 * self.columns * self.dispersion
+        return (self.gain if self.whole is None else self.whole) - 2 * self.columns * self.dispersion
 
 
 class Linearisation:
@@ -97,6 +103,7 @@ class Linearisation:
         rough = np.zeros((free, free))
         compiled.roughness.add(full[:free], np.zeros(free), rough)
         self._roughness = self._reduced_matrix(rough)
+        self._is_rough = bool(self._roughness.any() or self._rough_gradient.any())
         self._whitening, self.rank = _whitening(self._curvature)
         self._pull = self._whitening @ self._gradient
         self._block_pulls = self._whitening @ self._reduction.rows(sums.jr[:-1]).T if self.blocks else None
@@ -156,42 +163,106 @@ class Linearisation:
         directions = unit[:, None] * vectors[:, kept] / np.sqrt(sizes[kept])
         pull = directions.T @ (br - white.T @ self._pull)
         gain, columns = float(pull @ pull), int(kept.sum())
-        dispersion, freedom = self.variance, max(self.count - self.rank - columns, 1.0)
+        scatter = None
         if self._block_pulls is not None:
             pulls = directions.T @ (by_block[:-1].T - white.T @ self._block_pulls)
-            spread = self._spread(pulls, directions.T @ each[:-1] @ directions)
-            dispersion = max(spread, self.variance)
-            # the directions of a candidate share one dispersion, but are not independent
-            freedom = min((self.blocks - 1.0) * max(columns / 2, 1.0), freedom)
+            scatter = pulls, directions.T @ each[:-1] @ directions
+        # the sum of all columns, in the coordinates of the directions
+        constant = np.sqrt(sizes[kept]) * (vectors[:, kept].T @ np.sqrt(np.maximum(own, 0.0)))
+        p, dispersion = self._significance(pull, constant / np.sqrt(squares.sum()), scatter)
         if not dispersion > 0:
             return None
         step = -directions @ pull
         predicted = self.cost - self.own_gain - gain - self._rougher(white, step)
-        p = _tail(gain / dispersion, columns, freedom)
-        return TermScore(term, gain, columns, dispersion, predicted, p, float(own.mean()))
+        whole = None
+        if term.kind == "delay":
+            # the change of the cost by the column q times, 2 g q + S q^2, at q = 1
+            size = 1 / directions[0, 0]
+            whole = -float(2 * size * pull[0] + size**2)
+            predicted = self.cost - self.own_gain - whole - self._rougher(white, np.ones(1))
+        return TermScore(term, gain, columns, dispersion, predicted, p, float(own.mean()), whole)
 
-    def _spread(self, pulls: Float, squares: Float) -> float:
-        """Return the dispersion from the sums over blocks.
+    def _significance(self, pull: Float, constant: Float, scatter: tuple[Float, Float] | None) -> tuple[float, float]:
+        """Return the probability of a gain at least as large without a missing term, and the dispersion.
+
+        What a constant at the node explains is the same for all channels, and its errors vary as slowly as the
+        function, however fast the channel: it is tested apart from the shape of the curve.
+
+        Args:
+            pull: of each direction, Float[directions].
+            constant: the part of a constant that the function cannot produce itself, of the length 1 if that is all,
+                Float[directions].
+            scatter: the pulls by block, Float[directions, blocks], and the squares, Float[blocks, directions,
+                directions]; None without blocks.
+        """
+        size = float(np.linalg.norm(constant))
+        if len(pull) == 1 or size**2 < EXPLAINED:
+            return self._tested(np.eye(len(pull)), pull, scatter)
+        basis, _ = np.linalg.qr(constant[:, None] / size, mode="complete")
+        shape, dispersion = self._tested(basis[:, 1:], pull, scatter)
+        level, _ = self._tested(basis[:, :1], pull, scatter)
+        return min(2 * min(shape, level), 1.0), dispersion
+
+    def _tested(self, basis: Float, pull: Float, scatter: tuple[Float, Float] | None) -> tuple[float, float]:
+        """Return what `_significance` returns, of a part of the directions, Float[directions, part]."""
+        own, columns = basis.T @ pull, basis.shape[1]
+        dispersion, freedom, alike = self.variance, max(self.count - self.rank - columns, 1.0), float(columns)
+        if scatter is not None:
+            pulls, squares = scatter
+            spread, own_freedom, alike = self._spread(basis.T @ pulls, basis.T @ squares @ basis)
+            if own_freedom < FEWEST_FREEDOM:
+                return 1.0, max(spread, dispersion)
+            dispersion, freedom = max(spread, dispersion), min(own_freedom, freedom)
+        if not dispersion > 0:
+            return 1.0, 0.0
+        return f_tail(float(own @ own) / dispersion / columns, alike, freedom), dispersion
+
+    def _spread(self, pulls: Float, squares: Float) -> tuple[float, float, float]:
+        """Return the dispersion from the sums over blocks, its degrees of freedom, and those of the gain.
 
         Args:
             pulls: of each direction by block, Float[directions, blocks].
             squares: of the columns in these directions by block, Float[blocks, directions, directions].
         """
-        columns, used = len(pulls), self.sums.counts[:-1] > 0
+        used = self.sums.counts[:-1] > 0
         # what a missing term adds to a block is no noise: the part of the whole that the columns have in it
         sizes, vectors = np.linalg.eigh(squares.sum(axis=0))
         root = (vectors / np.sqrt(np.maximum(sizes, 1e-12 * sizes[-1]))) @ vectors.T
-        shares = root @ squares @ root
-        rest = pulls - (shares @ pulls.sum(axis=1)).T
-        blocks, share = int(used.sum()), self.sums.counts[:-1].sum() / self.count
-        return float((rest[:, used] ** 2).sum() * blocks / (blocks - 1) / columns / share)
+        shares = (root @ squares @ root)[used]
+        rest = pulls[:, used] - (shares @ pulls.sum(axis=1)).T
+        # with independent blocks of covariance dispersion * S, what is left has dispersion * (S - S S): a column that
+        # few blocks have leaves little (F. E. Satterthwaite, Biometrics Bulletin 2, 1946)
+        left = shares - shares @ shares
+        expected = float(np.trace(left, axis1=1, axis2=2).sum())
+        freedom = expected**2 / max(float((left**2).sum()), 1e-300)
+        # directions share one dispersion, but are not independent
+        freedom = freedom / 2 if len(pulls) > 1 else freedom - 1
+        share = self.sums.counts[:-1].sum() / self.count
+        return float((rest**2).sum()) / max(expected, 1e-300) / share, freedom, _equal_directions(rest)
 
     def _rougher(self, white: Float, step: Float) -> float:
         """Return by how much the roughness changes with the step of a candidate and that of the values with it."""
-        if not self._roughness.any() and not self._rough_gradient.any():
+        if not self._is_rough:
             return 0.0
         values = -self._whitening.T @ (self._pull + white @ step)
-        return float(2 * self._rough_gradient @ values + values @ self._roughness @ values)
+        return float(values @ (2 * self._rough_gradient + self._roughness @ values))
+
+
+def _equal_directions(pulls: Float) -> float:
+    """Return how many directions of equal dispersion scatter as these do, from 1 to their number.
+
+    The straight part of a curve of a slow channel is slower than its bends, and a gain along it is larger by chance
+    (G. E. P. Box, Annals of Mathematical Statistics 25, 1954).
+
+    Args:
+        pulls: by block, Float[directions, blocks].
+    """
+    directions, blocks = pulls.shape
+    covariance = pulls @ pulls.T
+    whole, squares = float(np.trace(covariance)), float((covariance**2).sum())
+    # less what the few blocks add to the squares by chance
+    squares = max((squares - whole**2 / blocks) / (1 + 1 / blocks), whole**2 / directions)
+    return max(whole**2 / squares, 1.0) if squares > 0 else float(directions)
 
 
 def _whitening(matrix: Float) -> tuple[Float, int]:
@@ -205,28 +276,16 @@ def _whitening(matrix: Float) -> tuple[Float, int]:
         sound = np.diag(lower).min() ** 2 > SINGULAR
     except np.linalg.LinAlgError:
         sound = False
-    if sound:
-        from scipy.linalg import solve_triangular
-
-        return solve_triangular(lower, np.diag(scale), lower=True), len(matrix)
-    if len(matrix) > MAX_SPECTRUM:
-        from scipy.linalg import solve_triangular
-
+    if not sound and len(matrix) <= MAX_SPECTRUM:
+        sizes, vectors = np.linalg.eigh(units)
+        kept = sizes > SINGULAR * sizes[-1]
+        return (vectors[:, kept] / np.sqrt(sizes[kept])).T * scale, int(kept.sum())
+    if not sound:
         lower = np.linalg.cholesky(units + 1e-9 * np.eye(len(units)))
-        return solve_triangular(lower, np.diag(scale), lower=True), len(matrix)
-    sizes, vectors = np.linalg.eigh(units)
-    kept = sizes > SINGULAR * sizes[-1]
-    return (vectors[:, kept] / np.sqrt(sizes[kept])).T * scale, int(kept.sum())
-
-
-def _tail(ratio: float, columns: int, freedom: float) -> float:
-    from scipy.special import fdtrc
-
-    return float(fdtrc(columns, freedom, ratio / columns))
+    # the rows of diag(scale), solved one by one, are the columns of T
+    return Factor.of(np.asarray(lower, dtype=np.float64)).solve_lower(np.diag(scale))[:, : len(matrix)].T, len(matrix)
 
 
 def smallest_gain(dispersion: float, columns: int, freedom: float, level: float) -> float:
     """Return the least gain that is significant at a level."""
-    from scipy.special import fdtri
-
-    return float(dispersion * columns * fdtri(columns, freedom, 1 - level))
+    return dispersion * columns * f_quantile(level, columns, freedom)

@@ -20,7 +20,7 @@ class CandidateGroup:
 
 def significant(scores: Sequence[TermScore]) -> list[TermScore]:
     """Return the scores that chance does not explain, the best first."""
-    found = [score for score in scores if score.p * len(scores) < LEVEL]
+    found = [score for score in scores if score.p * len(scores) < LEVEL and score.merit > 0]
     # by few digits, so that the order of equal candidates is that in which they were scored
     return sorted(found, key=lambda score: -float(f"{score.merit:.9g}"))
 

@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from kennfeld.analysis.missing.recordings import RECORDING
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameters import Axis, Curve, Parameter, Scalar
@@ -15,12 +16,12 @@ from kennfeld.graph.node import State, extract
 from kennfeld.models import Model
 from kennfeld.models.formula.functions import FUNCTIONS
 
-Kind = Literal["add", "multiply", "lag", "delay"]
-KINDS: tuple[Kind, ...] = ("add", "multiply", "lag", "delay")
+Kind = Literal["add", "multiply", "lag", "delay", "offset"]
+KINDS: tuple[Kind, ...] = ("add", "multiply", "lag", "delay", "offset")
 OF_CHANNELS: tuple[Kind, ...] = ("add", "multiply")
 # makes the corrected node of a node; may add names of further nodes
 Correction = Callable[[GraphBuilder, int, dict[str, int]], int]
-_PREFIX = {"add": "Add", "multiply": "Scale", "lag": "Lag"}
+_PREFIX = {"add": "Add", "multiply": "Scale", "lag": "Lag", "offset": "Offset"}
 
 
 @dataclass(frozen=True)
@@ -33,12 +34,13 @@ class MissingTerm:
     | multiply | node * curve(channel) |
     | lag | PT1(node, T), with a time constant T that is fitted |
     | delay | delay(node, steps) |
+    | offset | node + an offset of each recording |
 
     Attributes:
         node: name of the node.
         kind: the form of the correction.
         channel: the input of the curve.
-        breakpoints: those of the curve.
+        breakpoints: those of the curve; of an offset the numbers of the recordings, and one for all others.
         seconds: time constant of a lag, from which its fit starts.
         steps: steps of a delay.
     """
@@ -66,6 +68,8 @@ class MissingTerm:
         if self.kind in OF_CHANNELS:
             values = np.full(len(self.breakpoints), 1.0 if self.kind == "multiply" else 0.0)
             return Curve(name, Axis(self.breakpoints, self.channel), values)
+        if self.kind == "offset":
+            return Curve(name, Axis(self.breakpoints, RECORDING), np.zeros(len(self.breakpoints)))
         return Scalar(name, self.seconds, unit="s", lower=0.0) if self.kind == "lag" else None
 
     def time_constant(self, taken: Collection[str]) -> str:
@@ -95,9 +99,9 @@ def extended_model(model: Model, term: MissingTerm, parameter: str) -> Model:
 
 def _correction(graph: Graph, term: MissingTerm, parameter: str) -> Correction:
     def correct(b: GraphBuilder, node: int, names: dict[str, int]) -> int:
-        if term.kind in OF_CHANNELS:
-            curve = b.lookup(parameter, b.input(term.channel))
-            return b.call("add" if term.kind == "add" else "mul", node, curve)
+        if term.kind in (*OF_CHANNELS, "offset"):
+            curve = b.lookup(parameter, b.input(term.channel or RECORDING))
+            return b.call("mul" if term.kind == "multiply" else "add", node, curve)
         if term.kind == "delay":
             return b.prev(node, node, term.steps)
         T = b.lookup(parameter)

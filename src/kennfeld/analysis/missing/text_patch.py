@@ -2,9 +2,12 @@
 
 import difflib
 from collections.abc import Collection, Sequence
+from itertools import pairwise
+from typing import NamedTuple
 
 from kennfeld.analysis.missing.refit import Addition
 from kennfeld.analysis.missing.terms import MissingTerm
+from kennfeld.models.formula.functions import FUNCTIONS
 from kennfeld.models.formula.lexer import DECLARATIONS, is_plain, split, statements
 from kennfeld.models.formula.syntax import Token
 
@@ -12,9 +15,10 @@ _SUMS, _PRODUCTS = frozenset("+-*/^"), frozenset("*/^")
 
 
 def with_term(text: str, addition: Addition, inputs: Collection[str] = (), taken: Collection[str] = ()) -> str | None:
-    """Return formula text with a term; None if the text does not define the node, or by its own earlier values.
+    """Return formula text with a term; None if the text does not define the node, or if others share its memory.
 
-    A node such as `y = 0.9 * prev(y) + x` would remember the term, too, which was not fitted so.
+    A node such as `y = 0.9 * prev(y) + x` would remember the term, too, which was not fitted so: its equation gets a
+    name of its own. If another equation reads the earlier values of y as well, it cannot be told which are meant.
 
     Args:
         text: the formula text.
@@ -28,27 +32,73 @@ def with_term(text: str, addition: Addition, inputs: Collection[str] = (), taken
     a = (b - c) * C(x)  # sum
     """
     lines, ending = split(text), "\r\n" if "\r\n" in text else "\n"
-    term = addition.term
-    for tokens in statements(lines):
-        own = tokens[1:] if tokens[0].kind == "number" else tokens
-        if own[0].kind not in ("name", "quoted") or own[0].name != term.node:
-            continue
-        equals = next((at for at, token in enumerate(own[:3]) if token.text == "="), None)
-        if equals is None or len(own) < equals + 3:
-            continue
-        expression = own[equals + 1 : -1]
-        if any(token.kind in ("name", "quoted") and token.name == term.node for token in expression):
-            return None
-        label = "" if addition.parameter is None else addition.parameter.name
-        constant = quoted_name(term.time_constant(taken))
+    term, every = addition.term, [*statements(lines)]
+    equation = next((each for tokens in every if (each := _Equation.of(tokens)) and each.name.name == term.node), None)
+    if equation is None:
+        return None
+    label = "" if addition.parameter is None else addition.parameter.name
+    constant = quoted_name(term.time_constant(taken))
+    expression = equation.expression
+    own = [token for token in expression if _is_name(token, term.node)]
+    if not own:
         before, after = _around(term, label, constant, expression, lines)
         _insert(lines, expression, before, after)
-        lines[own[-1].line : own[-1].line] = [
-            *([f"{constant}[s] = {label}"] if term.kind == "lag" else []),
-            *_declarations(lines, addition, inputs),
-        ]
-        return ending.join(lines)
-    return None
+        corrected = []
+    elif any(_is_remembered(tokens, term.node) for tokens in every if tokens is not equation.tokens):
+        return None
+    else:
+        inner = quoted_name(_inner_name(term.node, {*taken, constant}))
+        before, after = _around(term, label, constant, [Token("name", inner, 1, 1)], [inner])
+        corrected = [f"{quoted_name(term.node)}{equation.unit} = {before}{inner}{after}"]
+        for token in reversed((equation.name, *own)):
+            _replace(lines, token, inner)
+    lines[equation.tokens[-1].line : equation.tokens[-1].line] = [
+        *corrected,
+        *([f"{constant}[s] = {label}"] if term.kind == "lag" else []),
+        *_declarations(lines, addition, inputs),
+    ]
+    return ending.join(lines)
+
+
+class _Equation(NamedTuple):
+    """A statement that defines a node."""
+
+    tokens: Sequence[Token]
+    name: Token
+    unit: str  # in brackets; "" without
+    expression: Sequence[Token]
+
+    @classmethod
+    def of(cls, tokens: Sequence[Token]) -> "_Equation | None":
+        own = tokens[1:] if tokens[0].kind == "number" else tokens
+        equals = next((at for at, token in enumerate(own[:3]) if token.text == "="), None)
+        if own[0].kind not in ("name", "quoted") or equals is None or len(own) < equals + 3:
+            return None
+        return cls(tokens, own[0], own[1].text if equals == 2 else "", own[equals + 1 : -1])
+
+
+def _is_name(token: Token, name: str) -> bool:
+    return token.kind in ("name", "quoted") and token.name == name
+
+
+def _is_remembered(tokens: Sequence[Token], name: str) -> bool:
+    """Return if a statement reads earlier values of a node, in a call of a function with memory."""
+    calls: list[bool] = []
+    for before, token in pairwise(tokens):
+        if token.text == "(":
+            function = FUNCTIONS.get(before.text) if before.kind == "name" else None
+            calls.append(function is not None and function.memory)
+        elif token.text == ")" and calls:
+            calls.pop()
+        elif any(calls) and _is_name(token, name):
+            return True
+    return False
+
+
+def _inner_name(node: str, taken: Collection[str]) -> str:
+    """Return a name for the node without its term."""
+    names = (f"{node}_inner", *(f"{node}_inner{number}" for number in range(2, len(taken) + 3)))
+    return next(name for name in names if name not in taken)
 
 
 def quoted_name(name: str) -> str:
@@ -65,13 +115,13 @@ def _around(
     if term.kind == "delay":
         first, last = expression[0], expression[-1]
         return "delay(", f", {term.steps}, {_source(lines, first, last)})"
-    curve = f"{label}({quoted_name(term.channel)})"
+    curve = label if term.kind == "offset" else f"{label}({quoted_name(term.channel)})"
     depth, outer = 0, set()
     for token in expression:
         depth += (token.text == "(") - (token.text == ")")
         if token.kind == "op" and not depth and token.text not in ("(", ")", ","):
             outer.add(token.text)
-    allowed, sign = (_SUMS, "+") if term.kind == "add" else (_PRODUCTS, "*")
+    allowed, sign = (_PRODUCTS, "*") if term.kind == "multiply" else (_SUMS, "+")
     return ("", f" {sign} {curve}") if outer <= allowed else ("(", f") {sign} {curve}")
 
 
@@ -95,6 +145,11 @@ def _insert(lines: list[str], expression: Sequence[Token], before: str, after: s
         lines[line - 1] = content[:column] + text + content[column:]
 
 
+def _replace(lines: list[str], token: Token, text: str) -> None:
+    content, first = lines[token.line - 1], token.column - 1
+    lines[token.line - 1] = content[:first] + text + content[first + len(token.text) :]
+
+
 def _declarations(lines: Sequence[str], addition: Addition, inputs: Collection[str]) -> list[str]:
     """Return declarations of what is new, if the text declares things of their kind."""
     declared = {
@@ -102,7 +157,8 @@ def _declarations(lines: Sequence[str], addition: Addition, inputs: Collection[s
     }
     term, declarations = addition.term, []
     if addition.parameter is not None and declared & {"scalar", "curve", "map", "cube"}:
-        kind = "curve" if addition.parameter.axes else "scalar"
+        # a value for each recording is a scalar in the text, see `per` of the project file
+        kind = "curve" if addition.parameter.axes and term.kind != "offset" else "scalar"
         declarations.append(f"{kind} {quoted_name(addition.parameter.name)}")
     if term.channel and "input" in declared and term.channel not in inputs:
         declarations.append(f"input {quoted_name(term.channel)}")

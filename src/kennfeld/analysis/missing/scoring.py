@@ -1,0 +1,200 @@
+"""The scores of all candidates of a problem, from one linearisation."""
+
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from kennfeld.analysis.missing.candidate_sums import (
+    BlockSums,
+    FamilySums,
+    block_sums,
+    family_sums,
+    merged,
+    merged_blocks,
+)
+from kennfeld.analysis.missing.channels import Channels
+from kennfeld.analysis.missing.families import (
+    Family,
+    Series,
+    channel_families,
+    offset_families,
+    series_families,
+)
+from kennfeld.analysis.missing.probes import Nodes, Probes, factor, offset
+from kennfeld.analysis.missing.recordings import recording_count
+from kennfeld.analysis.missing.score import Linearisation, TermScore, smallest_gain
+from kennfeld.analysis.missing.shortlist import LEVEL, significant
+from kennfeld.analysis.missing.terms import OF_CHANNELS, Kind
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.threads import blas_threads
+from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.tuning.holdout_blocks import Divisions, HoldoutBlocks
+
+BLOCKS = 40  # of recordings in time, from which the dispersion of scores follows
+LAGS = 10  # time constants that are tried
+DELAYS = (1, 2, 3, 5, 8, 13, 21, 34, 55, 89, 144)  # steps that are tried; then those between the best neighbours
+BETWEEN = 8  # of these, at most, at a time
+BLOCKS_OF_RECORDING = 4  # at least, if recordings are compared
+CLOSE = 0.5  # share of the best merit from which a node takes part in that
+LONGEST = 0.1  # share of a recording, of a lag or a delay
+
+
+@dataclass(frozen=True)
+class Scored:
+    """The scores of all candidates of a problem.
+
+    Attributes:
+        scores: of the candidates.
+        own_share: share of the cost that the values themselves would take off.
+        cost: of the data and of the roughness.
+        weights: sum of the weights; the cost of the data divided by it is a mean square.
+        smallest: cost of the least effect of a curve that is significant.
+        problem: with the values at which it is linearised.
+    """
+
+    scores: tuple[TermScore, ...]
+    own_share: float
+    data_cost: float
+    weights: float
+    smallest: float
+
+    @property
+    def share(self) -> float:
+        """Share of the cost that the best significant candidate takes off; 0 without one."""
+        best = significant(self.scores)[:1]
+        return best[0].gain / self.data_cost if best and self.data_cost > 0 else 0.0
+
+
+def score_problem(
+    problem: Problem, channels: Channels, nodes: Nodes, kinds: Sequence[Kind], lags: int = LAGS
+) -> Scored:
+    """Score all candidates at the values of a problem.
+
+    Args:
+        problem: with its values, without automatic settings.
+        channels: that take part.
+        nodes: that take part.
+        kinds: that take part.
+        lags: time constants that are tried.
+    """
+    probes = Probes.of(problem, nodes.names)
+    compiled = CompiledProblem(probes.problem)
+    with blas_threads(compiled.values.free):
+        scorer = _Scorer.of(compiled, probes, BLOCKS)
+        linear = scorer.linear
+        scores = [*scorer.scores(_families(problem, probes, channels, nodes, kinds, lags, compiled))]
+        if "delay" in kinds:
+            scores += _finer_delays(scores, lambda series: scorer.scores(_series_families(probes, series, compiled)))
+        if "offset" in kinds and (count := recording_count(problem)):
+            # recordings of few blocks would show no scatter beside their mean
+            own = scorer if BLOCKS_OF_RECORDING * count <= BLOCKS else scorer.finer(BLOCKS_OF_RECORDING * count)
+            scores += own.scores([*offset_families(probes, nodes.constant, count)])
+    dispersions = [score.dispersion for score in scores] or [linear.variance]
+    freedom = linear.blocks - 1.0 if linear.blocks else max(linear.count - linear.rank, 1.0)
+    typical = float(np.median(dispersions))
+    smallest = smallest_gain(typical, 5, freedom, LEVEL / max(len(scores), 1)) if typical > 0 else 0.0
+    share = linear.own_gain / linear.cost if linear.cost > 0 else 0.0
+    return Scored(tuple(scores), share, linear.cost, compiled.weights, smallest)
+
+
+@dataclass(frozen=True)
+class _Scorer:
+    """Scores families by one linearisation, with the recordings divided into blocks."""
+
+    compiled: CompiledProblem
+    probes: Probes
+    linear: Linearisation
+    divisions: Divisions
+    blocks: int
+
+    @classmethod
+    def of(cls, compiled: CompiledProblem, probes: Probes, blocks: int) -> "_Scorer":
+        held = HoldoutBlocks.of(compiled, blocks)
+        divisions, count = (held.divisions, held.sizes.size) if held is not None else ({}, 0)
+        own: Sequence[BlockSums] = [*compiled.each(block_sums, compiled.start, divisions, count)]
+        names = [name for number in range(len(probes.nodes)) for name in (offset(number), factor(number))]
+        linear = Linearisation(compiled, compiled.start, merged_blocks(own), names)
+        return cls(compiled, probes, linear, divisions, count)
+
+    def finer(self, blocks: int) -> "_Scorer":
+        return _Scorer.of(self.compiled, self.probes, blocks)
+
+    def scores(self, families: Sequence[Family]) -> Iterator[TermScore]:
+        arguments = (self.compiled.start, self.divisions, self.blocks)
+        for family in families:
+            sums: FamilySums = merged(self.compiled.each(family_sums, family, *arguments))
+            yield from self.linear.scores(family, sums)
+
+
+def _families(
+    problem: Problem,
+    probes: Probes,
+    channels: Channels,
+    nodes: Nodes,
+    kinds: Sequence[Kind],
+    lags: int,
+    compiled: CompiledProblem,
+) -> Sequence[Family]:
+    of_channels = [kind for kind in kinds if kind in OF_CHANNELS]
+    families = [*channel_families(probes, channels.axes, of_channels, nodes.constant, compiled.values.free)]
+    moving = [name for name in nodes.names if name not in nodes.constant]
+    return [*families, *_series_families(probes, trial_series(problem, moving, kinds, lags), compiled)]
+
+
+def _series_families(probes: Probes, series: Sequence[Series], compiled: CompiledProblem) -> list[Family]:
+    return [*series_families(probes, series, compiled.sample_count)]
+
+
+def _finer_delays(
+    scores: Sequence[TermScore], score: Callable[[Sequence[Series]], Iterator[TermScore]]
+) -> list[TermScore]:
+    """Return the scores of further delays, between the neighbours of the best one, at nodes that are nearly as good.
+
+    Args:
+        scores: of all candidates.
+        score: scores series.
+    """
+    tried = [each for each in significant(scores) if each.term.kind == "delay"]
+    finer: list[TermScore] = []
+    while tried:
+        best = max(tried, key=lambda each: each.merit)
+        known = sorted({each.term.steps for each in (*scores, *finer) if each.term.kind == "delay"})
+        at = known.index(best.term.steps)
+        # the last delay that was tried has no neighbour beyond
+        ends = known[max(at - 1, 0) : at + 2]
+        steps = sorted({number for a, b in pairwise(ends) for number in _between(a, b)})
+        if not steps:
+            break
+        nodes = dict.fromkeys(each.term.node for each in tried if each.merit >= CLOSE * best.merit)
+        finer += score([Series(node, "delay", steps=number) for node in nodes for number in steps])
+        tried = [each for each in (*tried, *finer) if each.term.node in nodes]
+    return finer
+
+
+def _between(first: int, last: int) -> list[int]:
+    """Return whole numbers between two, evenly spaced, at most half of `BETWEEN`."""
+    count = min(last - first - 1, BETWEEN // 2)
+    return sorted({round(x) for x in np.linspace(first, last, count + 2)[1:-1].tolist()} - {first, last})
+
+
+def trial_series(problem: Problem, nodes: Sequence[str], kinds: Sequence[Kind], lags: int = LAGS) -> list[Series]:
+    """Return the lags and delays that are tried, if all training data have time."""
+    datasets = problem.fitted_datasets
+    if any(data.time is None or data.settling is not None for data in datasets):
+        return []
+    steps = [float(np.median(np.diff(data.time))) for data in datasets if data.time is not None and data.samples > 1]
+    pieces = [piece.stop - piece.start for data in datasets for piece in data.pieces]
+    if problem.partitions is not None:
+        pieces = [part.last - part.first for each in problem.partitions.training for part in each.parts]
+    if not steps or max(pieces, default=0) < 10:
+        return []
+    step, longest = float(np.median(steps)), LONGEST * max(pieces)
+    constants = np.geomspace(2 * step, max(longest * step, 4 * step), lags)
+    tried = [float(f"{seconds:.2g}") for seconds in constants] if "lag" in kinds else []
+    delays = [count for count in DELAYS if count <= longest] if "delay" in kinds else []
+    return [
+        *(Series(node, "lag", seconds=seconds) for node in nodes for seconds in dict.fromkeys(tried)),
+        *(Series(node, "delay", steps=count) for node in nodes for count in delays),
+    ]
