@@ -2,7 +2,7 @@
 
     python scripts/sbom.py > kennfeld-sbom.cdx.json
 
-Needs an environment with the extra `dev`; the packages that only `dev` asks for are not listed.
+Needs an environment with the extras `dev` and `platforms`; the packages that only `dev` asks for are not listed.
 """
 
 import json

@@ -58,7 +58,13 @@ def test_a_term_is_found_and_applied_with_its_fit_as_one_command(bench: Looking)
     assert offered["found"] is None
     reasons = {row["name"]: row["reason"] for row in offered["channels"]}
     assert reasons == {"speed": "", "load": "", "oil": "", "humidity": "", "m": "the target", "flat": "constant"}
-    assert {row["name"]: row["places"] for row in offered["kinds"]} == {"add": 3, "multiply": 3, "lag": 0, "delay": 0, "offset": 0}
+    assert {row["name"]: row["places"] for row in offered["kinds"]} == {
+        "add": 3,
+        "multiply": 3,
+        "lag": 0,
+        "delay": 0,
+        "offset": 0,
+    }
     found = bench.look(kinds=["add"], channels=["oil", "humidity"])
     assert (found["old"], found["status"], overview(session).terms.detail) == (False, "found", "1 proposal")
     [row] = found["proposals"]
@@ -94,7 +100,7 @@ def test_an_equal_place_gets_the_term_without_effect(bench: Looking) -> None:
         bench.ask("term", number=2)
 
 
-def test_nothing_is_missing_and_the_least_effect_is_said(tmp_path: Path) -> None:
+def test_a_function_that_lacks_nothing_gets_the_smallest_effect_that_would_have_been_seen(tmp_path: Path) -> None:
     bench = Looking(write_bench(tmp_path, planted="", samples=80))
     found = bench.look(kinds=["add"], channels=["oil"], nodes=["drag"])
     assert (found["status"], found["proposals"]) == ("none", [])

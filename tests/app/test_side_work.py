@@ -38,7 +38,7 @@ def test_work_ends_with_its_outcome_and_the_subject_that_it_began_with() -> None
     assert (own.work.outcome, own.work.subject, own.work.step) == (2, "first", WorkStep())
 
 
-def test_stopped_work_keeps_what_it_has_told() -> None:
+def test_stopped_work_keeps_what_it_has_reported() -> None:
     own = Followed()
     own.work.start(Counting("wait"), "first")
     assert own.wait(1) == "running"

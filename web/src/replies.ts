@@ -899,7 +899,7 @@ export interface FileErrors {
 
 /** A file of a dataset that is used, with the errors of a criterion. */
 export interface FileRow {
-  /** Number of the dataset among those that are used, from 0 on. */
+  /** Number of the dataset among those that are used; the first is 0. */
   dataset: number;
   name: string;
   use: string;
@@ -1830,7 +1830,7 @@ export interface TermChannel {
 
 /** A kind of terms, with the number of nodes at which it is tried; 0 for lags of data that have no time. */
 export interface TermKind {
-  name: "add" | "multiply" | "lag" | "delay";
+  name: "add" | "multiply" | "lag" | "delay" | "offset";
   places: number;
 }
 
@@ -1861,7 +1861,7 @@ export interface TermRow {
   /** In words. */
   change: string;
   node: string;
-  kind: "add" | "multiply" | "lag" | "delay";
+  kind: "add" | "multiply" | "lag" | "delay" | "offset";
   channel: string;
   training: BeforeAfter;
   heldOut: BeforeAfter;
@@ -1894,7 +1894,7 @@ export interface BeforeAfter {
 export interface PlaceRow {
   number: number;
   node: string;
-  kind: "add" | "multiply" | "lag" | "delay";
+  kind: "add" | "multiply" | "lag" | "delay" | "offset";
   change: string;
 }
 
@@ -2350,7 +2350,7 @@ export interface DesignQuestion {
 export interface TermQuestion {
   channels?: string[] | null;
   nodes?: string[] | null;
-  kinds?: ("add" | "multiply" | "lag" | "delay")[] | null;
+  kinds?: ("add" | "multiply" | "lag" | "delay" | "offset")[] | null;
   /** Effect that a proposal must explain on held-out data, in the unit of the target. */
   least?: number;
 }

@@ -37,7 +37,7 @@ class FileRow:
     """A file of a dataset that is used, with the errors of a criterion.
 
     Attributes:
-        dataset: number of the dataset among those that are used, from 0 on.
+        dataset: number of the dataset among those that are used; the first is 0.
         begin: time stamp of the first sample in s, as recorded; of data without time 0.
         samples: that are scored.
         rmse: now; `before` with the initial values.

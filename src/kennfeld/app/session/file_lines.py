@@ -40,7 +40,7 @@ class FileSpan:
 
 
 @dataclass(frozen=True)
-class Gap:
+class FileGap:
     """Missing values of a signal in a file, from one time to another, as `FileSpan` counts it."""
 
     begin: float
@@ -115,7 +115,7 @@ def _edges(view: View, file: FileSpan, pixels: int) -> Int:
     return edges
 
 
-def find_gaps(view: View, file: FileSpan, values: Float) -> list[Gap]:
+def find_gaps(view: View, file: FileSpan, values: Float) -> list[FileGap]:
     """Return the stretches of a file in which a signal is missing, the longest first."""
     missing = np.isnan(values)
     if not missing.any():
@@ -123,12 +123,12 @@ def find_gaps(view: View, file: FileSpan, values: Float) -> list[Gap]:
     firsts, lasts = _runs(missing)
     time = view.model.recordings[file.recording].bound.dataset.time
     if time is None:
-        gaps = [Gap(float(first), float(last)) for first, last in zip(firsts, lasts, strict=True)]
+        gaps = [FileGap(float(first), float(last)) for first, last in zip(firsts, lasts, strict=True)]
     else:
         here = time[file.first : file.last]
         # from the last value before it to the first one after it
         begins, ends = here[np.maximum(firsts - 1, 0)], here[np.minimum(lasts, here.size - 1)]
-        gaps = [Gap(float(begin), float(end)) for begin, end in zip(begins, ends, strict=True)]
+        gaps = [FileGap(float(begin), float(end)) for begin, end in zip(begins, ends, strict=True)]
     return sorted(gaps, key=lambda gap: gap.begin - gap.end)
 
 

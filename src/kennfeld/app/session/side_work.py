@@ -52,8 +52,8 @@ class SideTask(Protocol):
         """Do the work."""
 
 
-class _Worker(WorkerProcess):
-    def __init__(self, task: SideTask, put: Callable[["_Worker", Report], None]) -> None:
+class _TaskProcess(WorkerProcess):
+    def __init__(self, task: SideTask, put: Callable[["_TaskProcess", Report], None]) -> None:
         self._put, self._ended = put, False
         super().__init__(COMMAND, pickle_content(task))
 
@@ -92,7 +92,7 @@ class SideWork(Generic[Outcome]):
     subject: Any = None
     _began: float = 0.0
     _next: Any = None  # the subject of the running work
-    _worker: _Worker | None = None
+    _worker: _TaskProcess | None = None
     _inbox: "queue.SimpleQueue[tuple[object, Report]]" = field(default_factory=queue.SimpleQueue)
 
     def start(self, task: SideTask, subject: Any) -> None:
@@ -101,7 +101,7 @@ class SideWork(Generic[Outcome]):
             raise ArgumentError("this is being computed already; stop it first")
         self.state, self.step, self.reason, self.seconds = "running", WorkStep("starting"), "", 0.0
         self._began, self._next = time.monotonic(), subject
-        self._worker = _Worker(task, self._put)
+        self._worker = _TaskProcess(task, self._put)
 
     def stop(self) -> None:
         """End running work at once; what it has told so far is kept."""

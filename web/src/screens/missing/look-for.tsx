@@ -12,6 +12,7 @@ const KINDS: Record<TermKind["name"], string> = {
   add: "add a curve",
   multiply: "scale by a curve",
   lag: "lag, PT1",
+  offset: "offset by recording",
   delay: "dead time",
 };
 

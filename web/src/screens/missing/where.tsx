@@ -26,6 +26,7 @@ const BOXES: Record<TermRow["kind"], (channel: string) => [title: string, sign: 
   multiply: (channel) => [`× ${channel}`, "new curve"],
   lag: () => ["PT1", "new lag"],
   delay: () => ["delay", "new delay"],
+  offset: () => ["+ offset", "by recording"],
 };
 
 /** The name of the box of a term; no node has it. */
