@@ -23,8 +23,8 @@ def violations(page: Any) -> list[str]:
         # by the debugger, as the page lets no other script run
         script = AXE.read_text(encoding="utf-8") + ";0"
         page.context.new_cdp_session(page).send("Runtime.evaluate", {"expression": script})
-    found: list[str] = page.evaluate(RUN)
-    return found
+    violations: list[str] = page.evaluate(RUN)
+    return violations
 
 
 def shown(page: Any, screens: tuple[str, ...] = SCREENS) -> Iterator[tuple[str, list[str]]]:

@@ -29,26 +29,26 @@ class Told(list[tuple[str, float | None]]):
 
 
 def test_reading_tells_files_and_bytes_and_then_the_share_that_is_read(torque: Path) -> None:
-    told = Told()
-    Session(torque, activity=told.activity)
+    reports = Told()
+    Session(torque, activity=reports.activity)
     size = sum((torque.parent / name).stat().st_size for name in ("bench.csv", "fresh.csv", "motored.csv"))
-    texts = [text for text, _ in told]
+    texts = [text for text, _ in reports]
     assert texts[0] == f"Reading recordings, 3 files, {size / 1e6:.3g} MB"
-    assert told[1:4] == [(f"Reading recordings, {k} of 3 files", pytest.approx(k / 3)) for k in (1, 2, 3)]
+    assert reports[1:4] == [(f"Reading recordings, {k} of 3 files", pytest.approx(k / 3)) for k in (1, 2, 3)]
     assert texts[4] == "Evaluating the function over 3839 samples"
 
 
 def test_a_project_whose_reading_was_stopped_is_open_and_reads_on_request(torque: Path) -> None:
-    told = Told("1 of 3")
-    session = Session(torque, activity=told.activity)
+    reports = Told("1 of 3")
+    session = Session(torque, activity=reports.activity)
     assert session.view is None
     assert session.interrupted
     state = overview(session)
     assert state.interrupted
     assert "you stopped it" in state.findings[0].text
     assert session.text_of("torque.kf")
-    told._stop_at = ""
-    told.activity.begin()
+    reports._stop_at = ""
+    reports.activity.begin()
     session.reload()
     assert not session.interrupted
     assert session.view is not None

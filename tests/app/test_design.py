@@ -49,9 +49,9 @@ class Designing:
             assert self._news.wait(WAIT)
             self._news.clear()
             self.session.pump()
-        found = self.ask("designs")["found"]
-        assert found is not None, self.session.design_work.reason
-        return dict(found)
+        proposed = self.ask("designs")["found"]
+        assert proposed is not None, self.session.design_work.reason
+        return dict(proposed)
 
 
 def write_map(folder: Path, time: bool = False, upper: float = 1.0) -> Path:
@@ -75,18 +75,18 @@ def test_points_are_proposed_where_nothing_was_measured_and_written(tmp_path: Pa
     assert offered["parameters"] == [{"name": "M", "unit": "", "values": 12, "withoutData": 4}]
     ranges = {"n": [0.0, 2.0], "l": [0.0, 7.0]}
     bench.session.do(SetKeys("ranges", "kennfeld.toml", [(("design", "ranges"), ranges)]))
-    found = bench.propose(points=6, names=["M"])
+    proposed = bench.propose(points=6, names=["M"])
     assert overview(bench.session).design.detail == "6 points"
-    assert found["channels"] == ["n", "l"]
-    assert sum(row["channels"][0] > 1 for row in found["points"]) >= 5
-    [row] = found["tables"]
+    assert proposed["channels"] == ["n", "l"]
+    assert sum(row["channels"][0] > 1 for row in proposed["points"]) >= 5
+    [row] = proposed["tables"]
     assert row["greatest"][1] < 0.5 * row["greatest"][0]
     shown = QUESTIONS["design-map"](bench.session, {"name": "M"})
     assert [axis["points"] for axis in shown.head["axes"]] == [[0.0, 1.0, 2.0], [0.0, 1.0, 3.0, 7.0]]
     assert shown.head["empty"] == [False] * 8 + [True] * 4
     assert not shown.head["isDrive"]
     points = {(round(x, 4), round(y, 4)) for x, y in zip(shown.arrays["wayX"], shown.arrays["wayY"], strict=True)}
-    assert points == {tuple(round(value, 4) for value in each["channels"]) for each in found["points"]}
+    assert points == {tuple(round(value, 4) for value in each["channels"]) for each in proposed["points"]}
     after, before = shown.arrays["after"].reshape(3, 4), shown.arrays["before"].reshape(3, 4)
     assert (after[2] < before[2]).all()
     assert bench.ask("export-design", format="csv") == {"file": "measure-next.csv"}
@@ -103,16 +103,16 @@ def test_segments_are_named_as_seen_from_the_project_with_their_ways(tmp_path: P
     write_map(tmp_path / "old", time=True, upper=2.0)
     bench = Designing(path)
     bench.session.do(SetKeys("length", "kennfeld.toml", [(("design", "length"), 5.0)]))
-    found = bench.propose(segments=2, candidates=["old/*.csv"])
-    assert [row["file"] for row in found["segments"]] == ["old/bench.csv"] * 2
-    assert found["segments"][1]["left"] < found["segments"][0]["left"] < 1
-    assert found["segments"][1]["left"] == pytest.approx(found["factor"])
-    assert found["formats"] == ["csv", "xlsx", "parquet", "json"]  # a list of segments has no time
+    proposed = bench.propose(segments=2, candidates=["old/*.csv"])
+    assert [row["file"] for row in proposed["segments"]] == ["old/bench.csv"] * 2
+    assert proposed["segments"][1]["left"] < proposed["segments"][0]["left"] < 1
+    assert proposed["segments"][1]["left"] == pytest.approx(proposed["factor"])
+    assert proposed["formats"] == ["csv", "xlsx", "parquet", "json"]  # a list of segments has no time
     shown = QUESTIONS["design-map"](bench.session, {"name": "M"})
     assert shown.head["isDrive"]
     assert shown.head["ways"] == [0, 50]
     recorded = np.loadtxt(tmp_path / "old" / "bench.csv", delimiter=",", skiprows=1)
-    begin = round(found["segments"][0]["begin"] / 0.1)
+    begin = round(proposed["segments"][0]["begin"] / 0.1)
     np.testing.assert_allclose(shown.arrays["wayX"][:50], recorded[begin : begin + 50, 1], atol=1e-6)
 
 
@@ -140,8 +140,8 @@ def test_a_project_without_data_gets_points_that_fill_its_ranges(tmp_path: Path)
         encoding="utf-8",
     )
     bench = Designing(path)
-    found = bench.propose(points=5)
-    assert len(found["points"]) == 5
-    assert all(800 <= row["channels"][0] <= 6000 for row in found["points"])
-    assert found["tables"] == []
-    assert any("no recordings" in row["message"] for row in found["remarks"])
+    proposed = bench.propose(points=5)
+    assert len(proposed["points"]) == 5
+    assert all(800 <= row["channels"][0] <= 6000 for row in proposed["points"])
+    assert proposed["tables"] == []
+    assert any("no recordings" in row["message"] for row in proposed["remarks"])

@@ -37,9 +37,9 @@ class Looking:
             assert self._news.wait(WAIT)
             self._news.clear()
             self.session.pump()
-        found = self.ask("missing")["found"]
-        assert found is not None, self.session.term_search.reason
-        return dict(found)
+        outcome = self.ask("missing")["found"]
+        assert outcome is not None, self.session.term_search.reason
+        return dict(outcome)
 
 
 @pytest.fixture
@@ -65,11 +65,11 @@ def test_a_term_is_found_and_applied_with_its_fit_as_one_command(bench: Looking)
         "delay": 0,
         "offset": 0,
     }
-    found = bench.look(kinds=["add"], channels=["oil", "humidity"])
-    assert (found["old"], found["status"], overview(session).terms.detail) == (False, "found", "1 proposal")
-    [row] = found["proposals"]
+    outcome = bench.look(kinds=["add"], channels=["oil", "humidity"])
+    assert (outcome["old"], outcome["status"], overview(session).terms.detail) == (False, "found", "1 proposal")
+    [row] = outcome["proposals"]
     assert (row["channel"], row["better"], len(row["heldOutParts"])) == ("oil", 3, 3)
-    assert any("fitted further first" in text for text in found["remarks"])
+    assert any("fitted further first" in text for text in outcome["remarks"])
     shown = QUESTIONS["term"](session, {"number": 0})
     assert shown.head["files"][0]["file"] == "f.kf"
     assert sum(shown.head["counts"]) == 240
@@ -102,9 +102,9 @@ def test_an_equal_place_gets_the_term_without_effect(bench: Looking) -> None:
 
 def test_a_function_that_lacks_nothing_gets_the_smallest_effect_that_would_have_been_seen(tmp_path: Path) -> None:
     bench = Looking(write_bench(tmp_path, planted="", samples=80))
-    found = bench.look(kinds=["add"], channels=["oil"], nodes=["drag"])
-    assert (found["status"], found["proposals"]) == ("none", [])
-    assert "would have been seen" in found["message"]
+    outcome = bench.look(kinds=["add"], channels=["oil"], nodes=["drag"])
+    assert (outcome["status"], outcome["proposals"]) == ("none", [])
+    assert "would have been seen" in outcome["message"]
     assert overview(bench.session).terms.detail == "nothing is missing"
 
 

@@ -23,6 +23,7 @@ def test_the_public_names_are_pinned():
         "Merged",
         "ParameterSummary",
         "Tolerance",
+        "changed",
         "compare",
         "describe",
         "describe_a2l",

@@ -23,7 +23,7 @@ def test_limits_units_and_defaults_come_from_the_schema() -> None:
     assert (dataset["where"]["holds"], dataset["shift"]["by"]) == ("condition", "channel")
     assert dataset["shift"]["form"]["values"]["words"] == ["auto"]
     assert dataset["weight"]["default"] == "1"
-    assert dataset["use"]["form"]["options"] == ["training", "test"]
+    assert dataset["use"]["form"]["options"] == ["training", "test", "off"]
     assert plain_text("a `[formula](formula.md)`") == "a formula"
 
 

@@ -101,8 +101,6 @@ class FileFormat:
         holds_calibration: of a format that can hold both: whether a file, given by its head, holds a calibration.
         role: what its files are for, if they are neither.
         describe: `describe(file)` of a `DescribedFile`, which returns a `FileInfo`; by default that of its role.
-        update: `update(parameters, path)`, which returns a `WriteResult`: a copy of a file with other values, of a
-            format whose files are not calibrations by themselves.
         description: what a file is, as `this is ...` continues; by default the article and the name.
         remedy: what to do instead, if files of this format cannot be read.
     """
@@ -115,7 +113,6 @@ class FileFormat:
     holds_calibration: Reference = ""
     role: Role = Role.NONE
     describe: Reference = ""
-    update: Reference = ""
     description: str = ""
     remedy: str = ""
 

@@ -82,7 +82,6 @@ DICTIONARY = FileFormat(
     (".sldd",),
     lambda head: any(_DICTIONARY_PART.match(member) for member in head.members),
     role=Role.COMPANION,
-    update="kennfeld.importers.simulink.variables.dictionary_update:update_dictionary",
     description="a Simulink data dictionary (.sldd): which axes its tables have is stated in the model",
     remedy="Convert the model: `kennfeld convert engine.slx engine.kf` writes its values to engine.json.",
 )

@@ -167,6 +167,8 @@ class Importer:
         describes: formats with `describe(file)`, which returns the `FileInfo` of a `DescribedFile`, also of files that
             are read with the function; by default `describe` of the format, or the list of functions, or the report on
             the import.
+        updates: formats with `update(parameters, path)`, which returns a `WriteResult`: a copy of a file with other
+            values, of files beside a function that are not calibrations by themselves.
         lists: `list_functions(path)`, which returns a `FunctionSummary` for each function of a file.
         digest: `digest(path)` of a file with all that its code loads; by default that of the file.
         companions: `companions(path)`, the other files that its code loads.
@@ -194,6 +196,7 @@ class Importer:
     runs: bool = False
     translated: bool = False
     describes: tuple[tuple[FileFormat, Reference], ...] = ()
+    updates: tuple[tuple[FileFormat, Reference], ...] = ()
     lists: Reference = ""
     digest: Reference = ""
     companions: Reference = ""

@@ -31,6 +31,12 @@ def describer_of(known: FileFormat) -> Reference:
     return known.describe or next((describe for own, describe in described if own.name == known.name), "")
 
 
+def updater_of(known: FileFormat) -> Reference:
+    """Return the function that writes a copy of a file of a format with other values; empty for none."""
+    updated = (each for importer in _each() for each in importer.updates)
+    return next((update for own, update in updated if own.name == known.name), "")
+
+
 def importers() -> tuple[Importer, ...]:
     """Return all importers."""
     return (*_own(), *_others())

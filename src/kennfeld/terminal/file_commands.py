@@ -21,7 +21,7 @@ from kennfeld.terminal.output import print_findings, print_lines
 
 if TYPE_CHECKING:
     from kennfeld.domain.parameter_set import ParameterSet
-    from kennfeld.files.file_format import FileFormat
+    from kennfeld.files.file_format import Reference
     from kennfeld.models.importer import ImportOptions
 
 
@@ -96,11 +96,12 @@ def convert(
     from kennfeld.files import identify
     from kennfeld.models.function_files import split_reference
     from kennfeld.models.importer import ImportRequest
-    from kennfeld.models.importer_registry import importer_of_format
+    from kennfeld.models.importer_registry import importer_of_format, updater_of
     from kennfeld.models.model_export import write_formula
 
     into = identify(str(image)).format if image is not None else None
-    _require_known_ending(target, [".kf", *(into.endings if into is not None and into.update else ())])
+    update = updater_of(into) if into is not None else ""
+    _require_known_ending(target, [".kf", *(into.endings if into is not None and update else ())])
     file, choice = split_reference(str(source))
     known = identify(file).format
     importer, is_formula = importer_of_format(known), target.suffix.lower() == ".kf"
@@ -127,21 +128,21 @@ def convert(
             print_lines(f"None of {count} differs from {since}: nothing is written.")
             return DONE
         print_lines(f"{len(parameters.parameters)} of {count} differ from {since}")
-    if image is not None and into is not None and into.update:
-        _write_copy(into, parameters, image, target)
+    if image is not None and update:
+        _write_copy(update, parameters, image, target)
     else:
         print_findings(*calfiles.write(parameters, target, image, a2l), *calfiles.losses(parameters, target))
     print_lines(f"Written to {target}")
     return DONE
 
 
-def _write_copy(known: "FileFormat", parameters: "ParameterSet", source: Path, target: Path) -> None:
+def _write_copy(update: "Reference", parameters: "ParameterSet", source: Path, target: Path) -> None:
     """Write a copy of a file with other values."""
     from kennfeld.base.atomic_files import write_whole
     from kennfeld.base.file_errors import convert_errors
     from kennfeld.files.file_format import call
 
-    result = call(known.update, parameters, source)
+    result = call(update, parameters, source)
     with convert_errors(target, "cannot be written", "Name another file."):
         write_whole(target, result.raw)
     print_findings(*result.findings)

@@ -14,6 +14,7 @@ IMPORTER = Importer(
         (DICTIONARY, "kennfeld.importers.simulink.file_info:describe_dictionary"),
         (ENUMERATION, "kennfeld.importers.simulink.file_info:describe_enumeration"),
     ),
+    updates=((DICTIONARY, "kennfeld.importers.simulink.variables.dictionary_update:update_dictionary"),),
     export="kennfeld.importers.simulink.formula_export:formula_lines",
     heading="kennfeld.importers.simulink.formula_export:heading",
     screen="diagram",
