@@ -63,7 +63,7 @@ def test_a_term_is_found_and_applied_with_its_fit_as_one_command(bench: Looking)
         "multiply": 3,
         "lag": 0,
         "delay": 0,
-        "offset": 0,
+        "offset": 3,
     }
     outcome = bench.look(kinds=["add"], channels=["oil", "humidity"])
     assert (outcome["old"], outcome["status"], overview(session).terms.detail) == (False, "found", "1 proposal")
@@ -159,3 +159,30 @@ def test_changed_lines_have_one_line_around_them() -> None:
     ]
     assert _changed_lines("a\n", "a\n") == []
     assert isinstance(rows[0], ChangedLine)
+
+
+def test_offsets_of_recordings_are_found_and_drawn_by_their_numbers(tmp_path: Path) -> None:
+    (tmp_path / "f.kf").write_text("input x\nscalar Gain\ny = Gain * x\n", encoding="utf-8")
+    names = []
+    for number, offset in enumerate((0.0, 0.8, -0.6, 0.3), 1):
+        x = np.linspace(0, 10, 40)
+        rows = np.column_stack([x, 2 * x + offset + 0.01 * np.sin(97 * x * number)])
+        names.append(f"{number}.csv")
+        np.savetxt(tmp_path / names[-1], rows, "%.6f", ",", header="x,m", comments="")
+    text = f"""[model]
+file = "f.kf"
+[[dataset]]
+files = {names}
+[[criterion]]
+node = "y"
+target = {{ channel = "m" }}
+[parameters.Gain]
+initial = 2.0
+"""
+    (tmp_path / "kennfeld.toml").write_text(text.replace("'", '"'), encoding="utf-8")
+    bench = Looking(tmp_path / "kennfeld.toml")
+    [row] = bench.look(kinds=["offset"])["proposals"]
+    assert (row["kind"], row["node"]) == ("offset", "y")
+    shown = QUESTIONS["term"](bench.session, {"number": 0}).head
+    assert (shown["input"], list(shown["points"])[:4]) == ("recording", [1, 2, 3, 4])
+    assert any(line["text"] == 'per = "recording"' for line in shown["files"][1]["lines"])

@@ -1828,7 +1828,7 @@ export interface TermChannel {
   reason: string;
 }
 
-/** A kind of terms, with the number of nodes at which it is tried; 0 for lags of data that have no time. */
+/** A kind of terms, with the number of nodes at which it is tried; 0 if the data have no time, or few recordings. */
 export interface TermKind {
   name: "add" | "multiply" | "lag" | "delay" | "offset";
   places: number;

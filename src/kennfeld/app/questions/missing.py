@@ -9,6 +9,7 @@ import numpy as np
 from kennfeld.analysis.missing.probes import Nodes
 from kennfeld.analysis.missing.proposal import RmseChange, TermProposal, describe
 from kennfeld.analysis.missing.proposing import SearchScope
+from kennfeld.analysis.missing.recordings import numbered
 from kennfeld.analysis.missing.terms import KINDS, OF_CHANNELS, Kind
 from kennfeld.app.answer import finite, finite_list
 from kennfeld.app.questions.recordings import channel_ranges, recorded_channels
@@ -17,6 +18,7 @@ from kennfeld.app.session.term_search import TermFindings, apply_term, picture_o
 from kennfeld.base.arrays import Float
 from kennfeld.base.file_state import note_opened, while_unchanged
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.preprocessing.recording_sources import recording_files
 from kennfeld.project.missing_terms import channels_of_file, offered_channels, sentence
 
@@ -34,7 +36,7 @@ class TermChannel:
 
 @dataclass(frozen=True)
 class TermKind:
-    """A kind of terms, with the number of nodes at which it is tried; 0 for lags of data that have no time."""
+    """A kind of terms, with the number of nodes at which it is tried; 0 if the data have no time, or few recordings."""
 
     name: Kind
     places: int
@@ -243,7 +245,7 @@ def missing(session: Session) -> MissingTerms:
     problem = view.model.problem
     nodes = Nodes.of(problem).names
     timed = all(data.time is not None and data.settling is None for data in problem.fitted_datasets)
-    kinds = [TermKind(kind, len(nodes) if timed or kind in OF_CHANNELS else 0) for kind in KINDS]
+    kinds = [TermKind(kind, len(nodes) if _is_possible(kind, problem, timed=timed) else 0) for kind in KINDS]
     findings: TermFindings | None = work.outcome
     return MissingTerms(
         node=problem.criteria[0].node if problem.criteria else "",
@@ -253,6 +255,12 @@ def missing(session: Session) -> MissingTerms:
         nodes=nodes,
         found=None if findings is None else _found(findings, old=work.subject != session.subject, seconds=work.seconds),
     )
+
+
+def _is_possible(kind: Kind, problem: Problem, *, timed: bool) -> bool:
+    if kind == "offset":
+        return bool(numbered(problem)[1])
+    return timed or kind in OF_CHANNELS
 
 
 def _channels(session: Session) -> list[TermChannel]:
@@ -374,9 +382,10 @@ def term(session: Session, asked: AskedTerm) -> ShownTerm:
     parameter, fitted = own.parameter, asked.place is None
     return ShownTerm(
         parameter="" if parameter is None else parameter.name,
-        input=own.term.channel,
+        input="recording" if kind == "offset" else own.term.channel,
         input_unit=next((c.unit for c in _channels(session) if c.name == own.term.channel), ""),
-        points=own.term.breakpoints,
+        # recordings count from 1, as the parameter will
+        points=tuple(point + 1 for point in own.term.breakpoints) if kind == "offset" else own.term.breakpoints,
         now=_numbers(parameter.values) if parameter is not None else [],
         deviation=finite_list(picture.deviation) if fitted else [],
         neutral=1.0 if kind == "multiply" else 0.0,

@@ -16,6 +16,12 @@ const KINDS: Record<TermKind["name"], string> = {
   delay: "dead time",
 };
 
+/** What the data lack for a kind of terms, in short and as a sentence. */
+const lack = (kind: TermKind["name"]): [string, string] =>
+  kind === "offset"
+    ? ["no recordings", "an offset by recording needs 3 to 60 recordings in memory"]
+    : ["no time", "the training data have no time"];
+
 export function LookFor({ own }: { own: MissingTerms }) {
   const excluded = new Map(found.value?.excluded ?? []);
   const channels = own.channels.toSorted((a, b) => Number(a.reason !== "") - Number(b.reason !== ""));
@@ -31,8 +37,8 @@ export function LookFor({ own }: { own: MissingTerms }) {
               list="kinds"
               name={kind.name}
               title={KINDS[kind.name]}
-              note={kind.places ? counted(kind.places, "place") : "no time"}
-              reason={kind.places ? undefined : "the training data have no time"}
+              note={kind.places ? counted(kind.places, "place") : lack(kind.name)[0]}
+              reason={kind.places ? undefined : lack(kind.name)[1]}
               off={kind.places === 0}
             />
           ))}

@@ -1,6 +1,6 @@
 // The proposals, the errors of the chosen one on each part of the data that was held out, and the verdict.
 
-import { MISSING, plain, signed, significant, unitText } from "../../drawing/numbers";
+import { counted, MISSING, plain, signed, significant, unitText } from "../../drawing/numbers";
 import { Segment } from "../../fields";
 import { Icon } from "../../icons";
 import {
@@ -99,8 +99,9 @@ function Empty() {
   return (
     <div class="pad" id="nothing-asked">
       <p>
-        Looks for a term that the formula lacks, at {own?.nodes.length} nodes and over {usable} channels. Proposals are
-        judged on data that their fit has not seen; the formula changes with Apply only.
+        Looks for a term that the formula lacks, at {counted(own?.nodes.length ?? 0, "node")} and over{" "}
+        {counted(usable, "channel")}. Proposals are judged on data that their fit has not seen; the formula changes with
+        Apply only.
       </p>
       {state.value.runs.length === 0 && (
         <p class="q">The values are fitted first, without a change of those in the project.</p>
