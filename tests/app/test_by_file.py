@@ -83,9 +83,9 @@ def test_the_table_is_folded_if_there_is_only_one_file(tmp_path: Path, files: in
         page.wait_for_selector("#by-file")
         if files == 1:
             assert page.query_selector("#files-table") is None
-            page.click("#by-file button")
+            page.click("#by-file button[aria-expanded]")
         page.wait_for_selector("#files-table")
         names = [row.inner_text().split()[0] for row in page.query_selector_all("#files-table tbody tr")]
         assert names == [f"drive_{number}.csv" for number in reversed(range(files))]
-        page.click("#by-file button")
+        page.click("#by-file button[aria-expanded]")
         page.wait_for_selector("#files-table", state="detached")

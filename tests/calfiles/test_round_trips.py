@@ -32,6 +32,10 @@ def test_a_format_reads_back_what_it_wrote(tmp_path_factory, ending, data):
     path, parameters = tmp_path_factory.mktemp("sets") / f"a{ending}", data.draw(SETS[ending])
     checked = {".xlsx": repr(parameters), ".cdfx": "".join(text.text for text in parameters.texts)}
     assume(not set(NO_XML) & set(checked.get(ending, "")))
+    # a DCM states no kind of a text: these two are truth values there
+    assume(
+        ending != ".dcm" or not {"true", "false"} & {text.text for text in parameters.texts if text.kind != "boolean"}
+    )
     write(parameters, path)
     assert read(path) == (in_xml(parameters) if ending == ".cdfx" else parameters)
     if ending == ".json":

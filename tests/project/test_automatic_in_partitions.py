@@ -175,7 +175,7 @@ def test_a_shift_scanned_on_some_samples_is_refined_on_all(tmp_path, model, file
     plain = Project.read(path).calibrate()
     scan_a_part(monkeypatch, 900 if samples > 300 else 200)
     parted = in_partitions(path, size).calibrate()
-    assert parted.shifts["drives"]["y"] == pytest.approx(plain.shifts["drives"]["y"], abs=1e-4)  # of 0.1 s
+    assert parted.shifts["drives"]["y"] == pytest.approx(plain.shifts["drives"]["y"], abs=2e-3)  # of 0.1 s
     assert parted.shifts["road"] == parted.shifts["drives"]
     training = sum(samples + 90 * number - 20 for number in range(files))
     assert re.search(

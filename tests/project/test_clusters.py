@@ -13,7 +13,7 @@ import pytest
 from pyarrow import parquet
 
 from kennfeld.analysis.cross_validation import cross_validate
-from kennfeld.base.dask_runner import DaskRunner
+from kennfeld.base.dask_runner import ClusterAddress, DaskRunner
 from kennfeld.base.errors import InputError
 from kennfeld.cli import run
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
@@ -69,6 +69,21 @@ def test_two_workers_give_the_same_bits_as_this_process(tmp_path, shared_cluster
     path = write_short_drives(tmp_path)
     serial = calibrate(in_partitions(path, SIZE))
     assert_same_bits(calibrate(in_partitions(path, SIZE, scheduler=shared_cluster.address)), serial)
+
+
+def test_several_users_of_a_cluster_get_their_own_results(shared_cluster):
+    def joined(shared, item, arguments):
+        return b" ".join([shared, item, arguments])
+
+    runners = [DaskRunner.start(ClusterAddress(shared_cluster.address)) for _ in range(2)]
+    items = [b"1", b"2", b"3"]
+    try:
+        # both at once: what the first one has asked for stays known to the scheduler
+        runs = [runner.map(joined, owner, items, owner) for runner, owner in zip(runners, (b"a", b"b"), strict=True)]
+        assert [list(run) for run in zip(*runs, strict=True)] == [[b"a %d a" % k, b"b %d b" % k] for k in (1, 2, 3)]
+    finally:
+        for runner in runners:
+            runner.close()
 
 
 @pytest.mark.slow

@@ -181,11 +181,12 @@ class DaskRunner:
         """
         if not items:
             return
+        # in keys with the client: of a key that it knows, a scheduler returns what it has, whoever submits it
         call = next(self._numbers)
         try:
             own: Any = arguments
             if len(arguments) > INLINE:
-                own = self.client.submit(keep, arguments, key=f"arguments-{call}", pure=False)
+                own = self.client.submit(keep, arguments, key=f"arguments-{self.client.id}-{call}", pure=False)
             common = self._keep(shared), own
             yield from self._results(call, task, items, common)
         except KennfeldError:
@@ -245,7 +246,9 @@ class DaskRunner:
             if len(self._shared) >= AHEAD:
                 # the oldest one, which the workers may then forget
                 self._shared.pop(next(iter(self._shared)))
-            self._shared[shared] = self.client.submit(keep, shared, key=f"shared-{next(self._numbers)}", pure=False)
+            self._shared[shared] = self.client.submit(
+                keep, shared, key=f"shared-{self.client.id}-{next(self._numbers)}", pure=False
+            )
         return self._shared[shared]
 
     def _results(self, call: int, task: Task, items: Sequence[bytes], common: tuple[Any, Any]) -> Iterator[Any]:
@@ -258,7 +261,7 @@ class DaskRunner:
 
         def hand_out(count: int) -> None:
             for at, bundle in itertools.islice(waiting, count):
-                more = {"key": f"kennfeld-{call}-{at}", "pure": False, "retries": RETRIES}
+                more = {"key": f"kennfeld-{self.client.id}-{call}-{at}", "pure": False, "retries": RETRIES}
                 more |= _preference(addresses[at % len(addresses)])
                 futures[at] = self.client.submit(run_items, task, common[0], bundle, common[1], **more)
 

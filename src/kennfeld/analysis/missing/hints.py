@@ -102,7 +102,7 @@ def affordable_samples(seconds: Seconds, evaluations: int, samples: int, fixed: 
 
 
 def _settled(problem: Problem, result: Result) -> Problem:
-    from kennfeld.analysis.missing.proposing import settled_problem
+    from kennfeld.analysis.missing.settled import settled_problem
 
     return settled_problem(problem, result)
 
@@ -110,9 +110,9 @@ def _settled(problem: Problem, result: Result) -> Problem:
 def _scored(problem: Problem, left: float) -> Hints:
     from kennfeld.analysis.missing.channels import Channels
     from kennfeld.analysis.missing.probes import Nodes
-    from kennfeld.analysis.missing.proposal import describe
     from kennfeld.analysis.missing.scoring import score_problem
     from kennfeld.analysis.missing.shortlist import significant
+    from kennfeld.analysis.missing.terms import describe
 
     nodes = Nodes.of(problem)
     last = replace(nodes, names=nodes.names[-MAX_NODES:])

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.analysis.missing.refit import Addition
-from kennfeld.analysis.missing.terms import Kind, MissingTerm
+from kennfeld.analysis.missing.terms import Kind, MissingTerm, describe
 from kennfeld.base.arrays import Float
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.numeric import finite_or_none
@@ -125,7 +125,7 @@ class TermProposal:
     def change(self) -> str:
         """The change, in words.
 
-        >>> from kennfeld.analysis.missing.proposal import describe
+        >>> from kennfeld.analysis.missing.terms import describe
         >>> describe(MissingTerm("dragTorque", "multiply", "Throttle"))
         'Scale dragTorque by a curve of Throttle'
         """
@@ -185,19 +185,6 @@ class TermProposal:
             if self.parameter is None or self.offsets
             else _rounded_together(self.parameter.values.ravel()),
         }
-
-
-def describe(term: MissingTerm, seconds: float | None = None) -> str:
-    """Return what a term does to its node, in words."""
-    if term.kind == "lag":
-        return f"Delay {term.node} by a PT1 of about {term.seconds if seconds is None else seconds:.3g} s"
-    if term.kind == "offset":
-        return f"Add an offset of each recording to {term.node}"
-    if term.kind == "delay":
-        return f"Delay {term.node} by {term.steps} step{'s' * (term.steps != 1)}"
-    verb, preposition = ("Add", "to") if term.kind == "add" else ("Scale", "by")
-    curve = f"a curve of {term.channel}"
-    return f"{verb} {curve} {preposition} {term.node}" if term.kind == "add" else f"{verb} {term.node} by {curve}"
 
 
 @dataclass(frozen=True, kw_only=True)

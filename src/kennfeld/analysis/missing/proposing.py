@@ -15,7 +15,6 @@ from kennfeld.analysis.missing.proposal import (
     RmseChange,
     TermProposal,
     TermProposals,
-    describe,
 )
 from kennfeld.analysis.missing.recordings import numbered
 from kennfeld.analysis.missing.refit import (
@@ -28,8 +27,9 @@ from kennfeld.analysis.missing.refit import (
     refit_options,
 )
 from kennfeld.analysis.missing.scoring import Scored, score_problem
+from kennfeld.analysis.missing.settled import settled_problem
 from kennfeld.analysis.missing.shortlist import LEVEL, CandidateGroup, shortlist
-from kennfeld.analysis.missing.terms import KINDS, Kind
+from kennfeld.analysis.missing.terms import KINDS, Kind, describe
 from kennfeld.base.arrays import ignore_floating_errors
 from kennfeld.base.errors import ArgumentError, renamed
 from kennfeld.base.formatting import nearest
@@ -39,11 +39,10 @@ from kennfeld.domain.parameters import Parameter
 from kennfeld.optimize.fit.result import Result
 from kennfeld.optimize.problem.options import Options
 from kennfeld.optimize.problem.partitions import Partition, join_files
-from kennfeld.optimize.problem.problem import Problem, bound_time_constants
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.problem.setup import ProblemSetup
 from kennfeld.optimize.search.isolated_call import isolated
 from kennfeld.optimize.search.multistart import run
-from kennfeld.optimize.tuning.shift_estimation import apply_shifts
 
 UNFINISHED = 1e-3  # share of the cost that the values themselves would take off, from which a fit has not ended
 MARGIN = 5e-3  # of the held-out RMSE, by which a term must lower it
@@ -391,14 +390,6 @@ def _error(proposal: TermProposal) -> tuple[bool, float]:
 
 def _change(before: Result, after: Result, use: Use) -> RmseChange:
     return RmseChange(*(float(np.sqrt(mean_squares(each.quality, use)[0])) for each in (before, after)))
-
-
-def settled_problem(problem: Problem, result: Result) -> Problem:
-    """Return a problem at the end of its fit, with automatic settings as they were chosen."""
-    problem = apply_shifts(problem, result.shifts)
-    factors = {name: tuple(own.values()) for name, own in result.smoothness.items()}
-    problem = replace(problem, smoothness={**problem.smoothness, **factors}, unknown_shifts={})
-    return bound_time_constants(replace(problem, parameters=result.parameters))
 
 
 def _with_whole_files(problem: Problem) -> Problem:

@@ -154,3 +154,16 @@ def with_corrections(graph: Graph, corrections: Mapping[int, Correction]) -> Gra
     b.settle()
     named = {name: number[at] for name, at in graph.names.items()} | names
     return extract(b.nodes, b.states, named, graph.units, graph.outputs)
+
+
+def describe(term: MissingTerm, seconds: float | None = None) -> str:
+    """Return what a term does to its node, in words."""
+    if term.kind == "lag":
+        return f"Delay {term.node} by a PT1 of about {term.seconds if seconds is None else seconds:.3g} s"
+    if term.kind == "offset":
+        return f"Add an offset of each recording to {term.node}"
+    if term.kind == "delay":
+        return f"Delay {term.node} by {term.steps} step{'s' * (term.steps != 1)}"
+    verb, preposition = ("Add", "to") if term.kind == "add" else ("Scale", "by")
+    curve = f"a curve of {term.channel}"
+    return f"{verb} {curve} {preposition} {term.node}" if term.kind == "add" else f"{verb} {term.node} by {curve}"

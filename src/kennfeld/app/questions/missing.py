@@ -7,10 +7,10 @@ from glob import escape
 import numpy as np
 
 from kennfeld.analysis.missing.probes import Nodes
-from kennfeld.analysis.missing.proposal import RmseChange, TermProposal, describe
+from kennfeld.analysis.missing.proposal import RmseChange, TermProposal
 from kennfeld.analysis.missing.proposing import SearchScope
 from kennfeld.analysis.missing.recordings import numbered
-from kennfeld.analysis.missing.terms import KINDS, OF_CHANNELS, Kind
+from kennfeld.analysis.missing.terms import KINDS, OF_CHANNELS, Kind, describe
 from kennfeld.app.answer import finite, finite_list
 from kennfeld.app.questions.recordings import channel_ranges, recorded_channels
 from kennfeld.app.session.session import Session
