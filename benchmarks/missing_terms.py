@@ -356,7 +356,7 @@ def judge_peers(case: Case) -> dict[str, Outcome]:
 def run() -> list[Table]:
     """Run all planted cases with every method."""
     outcomes: dict[str, list[Outcome]] = {}
-    for case in cases():
+    for case in cases(seed=1):  # those of seed 0 were looked at when the tests of significance were made
         for name, outcome in ({KENNFELD: judge(case)} | judge_peers(case)).items():
             outcomes.setdefault(name, []).append(outcome)
             print(f"{name}: {outcome}", file=sys.stderr, flush=True)
