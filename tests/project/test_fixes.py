@@ -145,6 +145,14 @@ def test_a_fix_takes_its_finding_away(
     assert [str(finding) for finding in after if finding.severity == "error"] == []
 
 
+def test_the_fix_of_a_dataset_counts_those_that_are_off(shop: Workshop) -> None:
+    shop.change("[[dataset]]", '[[dataset]]\nname = "old"\nfiles = ["bench.csv"]\nuse = "off"\n\n[[dataset]]')
+    shop.change('"bench.csv"]\n\n[calibration]', '"bench.csv"]\nuse = "test"\n\n[calibration]')
+    applied(shop, the(shop.findings(), "no dataset is used").fixes[0])
+    uses = [entry.get("use") for entry in ProjectDocument(shop.toml).get("dataset")]
+    assert uses == ["off", None]
+
+
 def test_an_axis_that_the_data_exceed_is_extended_to_them(shop: Workshop) -> None:
     shop.text = WITH_MAP
     shop.add("[parameters.M]\ninitial = 0\nx = { input = 'Speed', breakpoints = [1200, 1300, 1400] }")

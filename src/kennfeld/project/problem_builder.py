@@ -390,9 +390,10 @@ class ProblemBuilder:
             fixes = [
                 Fix(
                     f"Fit {entry.name or entry.files[0]}",
-                    ((("dataset", k, "use"), None), (("dataset", k, "weight"), None)),
+                    # by its own keys: entries that are off count, too
+                    (((*entry.location.keys, "use"), None), ((*entry.location.keys, "weight"), None)),
                 )
-                for k, entry in enumerate(entries[:3], 1)
+                for entry in entries[:3]
                 if entry.files
             ]
             self.findings.error(self.file.location("dataset"), "no dataset is used for training", remedy, fixes=fixes)
