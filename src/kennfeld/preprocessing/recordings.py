@@ -190,12 +190,7 @@ class RecordingReader:
 
     @cached_property
     def _earlier(self) -> int:
-        """The number of files in the datasets before this one."""
-        before = takewhile(lambda entry: entry is not self.entry, self.settings.datasets)
-        return sum(len(self._matches(entry.files)) for entry in before)
-
-    def _matches(self, patterns: Sequence[str]) -> dict[str, None]:
-        return dict.fromkeys(path for each in patterns for path in find_recordings(self.settings.folder, each))
+        return count_before(self.settings, self.entry)
 
     def _cache(self) -> Cache | None:
         """Return the folder of cached recordings; None if links lead elsewhere."""
@@ -319,6 +314,17 @@ def find_recordings(folder: Path, pattern: str) -> list[str]:
         if files:
             return [f"{path}{rest}" for path in files]
     return []
+
+
+def matching_recordings(folder: Path, patterns: Sequence[str]) -> list[str]:
+    """Return the files that patterns match, in the order of the patterns, sorted within each, without duplicates."""
+    return list(dict.fromkeys(path for pattern in patterns for path in find_recordings(folder, pattern)))
+
+
+def count_before(settings: DataSettings, entry: DatasetEntry) -> int:
+    """Return the number of recordings in the datasets before one, by which those of its own are numbered."""
+    before = takewhile(lambda other: other is not entry, settings.datasets)
+    return sum(len(matching_recordings(settings.folder, other.files)) for other in before)
 
 
 def find_databases(folder: Path, entry: DatasetEntry) -> tuple[tuple[DatabaseFile, ...], list[Finding]]:

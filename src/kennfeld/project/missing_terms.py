@@ -27,7 +27,7 @@ from kennfeld.measurement.time_column import is_named_time
 from kennfeld.models.formula.frontend import text_of
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.search.multistart import run
-from kennfeld.preprocessing.recordings import find_recordings
+from kennfeld.preprocessing.recordings import count_before, matching_recordings
 from kennfeld.project.document import ProjectDocument
 from kennfeld.project.results import FOLDER
 
@@ -119,7 +119,7 @@ def offered_channels(project: "Project", read: Callable[[str], Sequence[str]] | 
     """
     names: dict[str, None] = dict.fromkeys(project.file.calculated)
     for entry in project.file.datasets:
-        files = [path for pattern in entry.files for path in find_recordings(project.file.folder, pattern)]
+        files = matching_recordings(project.file.folder, entry.files)
         if entry.use != "training" or not files:
             continue
         with suppress(InputError):
@@ -221,13 +221,12 @@ def _section(project: "Project", proposal: TermProposal) -> dict[str, Any]:
 
 def _reference(project: "Project", addition: Addition) -> dict[str, Any]:
     """Return the lock of the first fitted recording, if the function itself can take over a mean of all offsets."""
-    number = 1
-    for entry in project.file.datasets:
-        files = [path for pattern in entry.files for path in find_recordings(project.file.folder, pattern)]
-        if entry.use == "training" and files:
-            break
-        number += len(files)
-    return {"lock": [{"x": [number, number]}]} if addition.constraints else {}
+    if not addition.constraints:
+        return {}
+    file = project.file
+    first = next(each for each in file.datasets if each.is_fitted and matching_recordings(file.folder, each.files))
+    number = 1 + count_before(file, first)
+    return {"lock": [{"x": [number, number]}]}
 
 
 def sentence(proposal: TermProposal) -> str:
