@@ -138,6 +138,12 @@ class Fix:
         return cls(f"Set {_key_name(keys)}", ((keys, ""),), tuple(options))
 
     @classmethod
+    def exchange(cls, title: str, keys: Keys, entries: Iterable[str], old: str, new: str = "") -> "Fix":
+        """Return the fix that puts another text in the place of one of a list, or none; an empty list is removed."""
+        changed = [new if entry == old else entry for entry in entries if entry != old or new]
+        return cls(title, ((keys, changed or None),))
+
+    @classmethod
     def rename(cls, keys: Keys, name: str, value: Any) -> "Fix":
         """Return the fix that gives a key another name, with the value that it has."""
         return cls(f"Write {name}", (((*keys[:-1], name), value), (keys, None)))

@@ -14,6 +14,17 @@ def nearest_file(path: Path) -> str:
     return nearest(path.name, (other.name for other in path.parent.iterdir())) if path.parent.is_dir() else ""
 
 
+def files_beside(path: Path) -> list[str]:
+    """Return the names of the files in the folder of a path; none if there is no such folder."""
+    return [other.name for other in path.parent.iterdir() if other.is_file()] if path.parent.is_dir() else []
+
+
+def files_alike(path: Path) -> list[str]:
+    """Return the names of the files beside a missing one that have its ending, sorted."""
+    ending = path.suffix.casefold()
+    return sorted(name for name in files_beside(path) if Path(name).suffix.casefold() == ending)
+
+
 @contextmanager
 def convert_errors(
     path: Path | str, message: str, remedy: str = "", *, missing: str = "", advice: str = ""

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from kennfeld.base.errors import Finding, Fix, InputError, Keys, Location
-from kennfeld.base.file_errors import nearest_file
+from kennfeld.base.file_errors import files_alike, nearest_file
 from kennfeld.base.formatting import join_names, most_similar, nearest, quoted
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.output_paths import within
@@ -149,15 +149,12 @@ class RecordingReader:
         dataset, files = self.entry.location.keys, self.entry.files
         if not dataset:
             return ()
-        rest = [each for each in files if each != pattern]
+        keys: Keys = (*dataset, "files")
         others = _alike(self.settings.folder, pattern, files)
-        read = (
-            Fix(f"Read {other}", (((*dataset, "files"), [other if each == pattern else each for each in files]),))
-            for other in others[:2]
-        )
-        if not rest:
+        read = (Fix.exchange(f"Read {other}", keys, files, pattern, other) for other in others[:2])
+        if {*files} == {pattern}:
             return (*read, Fix.remove(dataset))
-        return (*read, Fix(f"Read without {pattern}", (((*dataset, "files"), rest),)))
+        return (*read, Fix.exchange(f"Read without {pattern}", keys, files, pattern))
 
     def read(self, paths: Sequence[str], units: Units) -> Iterator[Dataset]:
         """Yield the recordings that can be read, in the units of the function or of the first file that has one.
@@ -359,14 +356,13 @@ def _glob(folder: Path, pattern: str) -> list[Path]:
 
 def _alike(folder: Path, pattern: str, known: Sequence[str]) -> list[str]:
     """Return the files beside those of a pattern that have its ending, the most similar first."""
-    path = Path(pattern.partition("#")[0])
-    if "://" in pattern or not (folder / path).parent.is_dir():
+    if "://" in pattern:
         return []
-    names = [other.name for other in (folder / path).parent.iterdir() if other.is_file()]
-    alike = sorted(name for name in names if Path(name).suffix.casefold() == path.suffix.casefold())
+    path = Path(pattern.partition("#")[0])
+    alike = files_alike(folder / path)
     first = most_similar(path.name, alike)
-    found = ((path.parent / name).as_posix() for name in sorted(alike, key=lambda name: name != first))
-    return [other for other in found if other not in known]
+    others = ((path.parent / name).as_posix() for name in sorted(alike, key=lambda name: name != first))
+    return [other for other in others if other not in known]
 
 
 def _similar_file(folder: Path, pattern: str) -> str:

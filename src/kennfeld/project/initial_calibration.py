@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from kennfeld.base.errors import ArgumentError, Finding, Findings, Fix, InputError, Location
+from kennfeld.base.file_errors import files_beside
 from kennfeld.base.formatting import nearest, quoted, size_text, toml_text
 from kennfeld.calfiles import read_several
 from kennfeld.calfiles.a2l.origin import FlashOrigin
@@ -186,7 +187,7 @@ def read_initial_file(path: Path, a2l: Path | None) -> tuple[ParameterSet, tuple
 def _missing(file: ProjectFile, name: str) -> Finding:
     path = file.folder / name
     message = f"{name} is a folder" if path.is_dir() else f"file {name} does not exist"
-    remedy = nearest(path.name, file.siblings(path)) or "Check the path."
+    remedy = nearest(path.name, files_beside(path)) or "Check the path."
     return Finding(file.location("calibration", "initial"), message, remedy, fixes=_without_file(file, name))
 
 
@@ -196,11 +197,8 @@ def _without_file(file: ProjectFile, name: str) -> tuple[Fix, ...]:
     if file.calibration.descriptions or name not in files:  # images belong to their A2L files
         return ()
     others = [other for other in file.alike(name) if other not in files]
-    replaced = (
-        Fix(f"Read {other}", ((keys, [other if each == name else each for each in files]),)) for other in others[:2]
-    )
-    rest = [each for each in files if each != name]
-    return (*replaced, Fix(f"Start without {name}", ((keys, rest or None),)))
+    replaced = (Fix.exchange(f"Read {other}", keys, files, name, other) for other in others[:2])
+    return (*replaced, Fix.exchange(f"Start without {name}", keys, files, name))
 
 
 def _clash(file: ProjectFile, old: Parameter, new: Parameter, first: str, second: str) -> Finding:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kennfeld.base.errors import Finding, Findings, Fix, InputError, Keys, Location
+from kennfeld.base.file_errors import files_beside
 from kennfeld.base.formatting import count_noun, nearest, quoted, toml_text
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
@@ -46,7 +47,7 @@ def read_surrogates(file: ProjectFile, findings: Findings) -> "tuple[Surrogate, 
             continue
         target = file.folder / path
         if not target.is_file():
-            remedy = nearest(target.name, file.siblings(target)) or "Train it with `kennfeld surrogate train`."
+            remedy = nearest(target.name, files_beside(target)) or "Train it with `kennfeld surrogate train`."
             fixes = choices(("surrogates", name), file.alike(path), removable=True)
             findings.error(file.location("surrogates", name), f"file {path} does not exist", remedy, fixes=fixes)
             continue
@@ -92,7 +93,7 @@ def _exists(file: ProjectFile, reference: str, location: Location, findings: Fin
     message = f"{path.name} is a folder" if path.is_dir() else f"file {reference} does not exist"
     others = [] if "#" in reference or ":" in Path(reference).name else file.alike(reference)
     fixes = choices(location.keys, others, removable=True)
-    findings.error(location, message, nearest(path.name, file.siblings(path)) or "Check the path.", fixes=fixes)
+    findings.error(location, message, nearest(path.name, files_beside(path)) or "Check the path.", fixes=fixes)
     return False
 
 
@@ -209,7 +210,7 @@ def _is_readable(file: ProjectFile, findings: Findings) -> bool:
     if not path.is_file() and name not in file.unsaved:
         message = f"{name} is a folder" if path.is_dir() else f"file {name} does not exist"
         fixes = choices(("model", "file"), _functions_beside(file, path))
-        findings.error(location, message, nearest(path.name, file.siblings(path)) or "Check the path.", fixes=fixes)
+        findings.error(location, message, nearest(path.name, files_beside(path)) or "Check the path.", fixes=fixes)
     elif stated is not None and stated.remedy:
         findings.error(location, f"{name} is {stated.phrase}", stated.remedy)
     elif ending != ".kf" and importer_of(path.name) is None:
@@ -221,7 +222,7 @@ def _is_readable(file: ProjectFile, findings: Findings) -> bool:
 
 def _functions_beside(file: ProjectFile, path: Path) -> list[str]:
     """Return the files beside a missing one that can be the function."""
-    names = (name for name in file.siblings(path) if name.casefold().endswith(".kf") or importer_of(name) is not None)
+    names = (name for name in files_beside(path) if name.casefold().endswith(".kf") or importer_of(name) is not None)
     folder = path.parent.relative_to(file.folder) if path.is_relative_to(file.folder) else path.parent
     return sorted((folder / name).as_posix() for name in names)
 

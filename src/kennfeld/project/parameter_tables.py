@@ -396,9 +396,7 @@ def _other_patterns(file: ProjectFile, pattern: str, parameters: ParameterSet) -
     patterns, keys = list(file.calibration.free), ("calibration", "free")
     if pattern not in patterns:  # it is from a list of labels
         return []
-    similar, rest = most_similar(pattern, parameters), [each for each in patterns if each != pattern]
-    fixes = [Fix(f"Remove {pattern}", ((keys, rest or None),))]
-    if similar and similar not in patterns:
-        renamed = [similar if each == pattern else each for each in patterns]
-        fixes.insert(0, Fix(f"Write {similar}", ((keys, renamed),)))
-    return fixes
+    removal, similar = Fix.exchange(f"Remove {pattern}", keys, patterns, pattern), most_similar(pattern, parameters)
+    if not similar or similar in patterns:
+        return [removal]
+    return [Fix.exchange(f"Write {similar}", keys, patterns, pattern, similar), removal]

@@ -13,6 +13,7 @@ import numpy as np
 
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import Findings, Fix, InputError, Location
+from kennfeld.base.file_errors import files_alike
 from kennfeld.base.formatting import join_names
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.watch_folder import DEFAULT_LIMIT
@@ -511,15 +512,9 @@ class SectionsFile:
             location = location.within(str(part))
         return location
 
-    def siblings(self, path: Path) -> list[str]:
-        """Return the names of the files in the folder of a path."""
-        return [other.name for other in path.parent.iterdir() if other.is_file()] if path.parent.is_dir() else []
-
     def alike(self, name: str) -> list[str]:
         """Return the files beside a missing one that have its ending, as the file names them."""
-        path = self.folder / name
-        alike = (other for other in self.siblings(path) if Path(other).suffix.casefold() == path.suffix.casefold())
-        return sorted((Path(name).parent / other).as_posix() for other in alike)
+        return [(Path(name).parent / other).as_posix() for other in files_alike(self.folder / name)]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
