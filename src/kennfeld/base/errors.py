@@ -13,7 +13,7 @@ import json
 import re
 import sys
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import KW_ONLY, field, replace
 from pathlib import Path
@@ -147,6 +147,12 @@ class Fix:
     def rename(cls, keys: Keys, name: str, value: Any) -> "Fix":
         """Return the fix that gives a key another name, with the value that it has."""
         return cls(f"Write {name}", (((*keys[:-1], name), value), (keys, None)))
+
+
+def choices(keys: Keys, options: Sequence[str], *, removable: bool = False) -> list[Fix]:
+    """Return the fixes of a key that names something missing: the only alternative, or a choice; and its removal."""
+    known = [Fix.set(keys, options[0])] if len(options) == 1 else [Fix.choose(keys, options)] if options else []
+    return [*known, Fix.remove(keys)] if removable else known
 
 
 def _key_name(keys: Keys) -> str:

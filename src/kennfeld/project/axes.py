@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from kennfeld.base.arrays import Float
-from kennfeld.base.errors import ArgumentError, Finding, Findings, Fix, Location
+from kennfeld.base.errors import ArgumentError, Finding, Findings, Fix, Location, choices
 from kennfeld.base.formatting import join_names, nearest
 from kennfeld.domain.breakpoint_rounding import rounded, separated
 from kennfeld.domain.dataset import Dataset
@@ -18,7 +18,7 @@ from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.problem.validation import check_shared_axes
 from kennfeld.preprocessing.recordings import RECORDING
 from kennfeld.project.data_column import DataColumn
-from kennfeld.project.model import ProjectModel, choices
+from kennfeld.project.model import ProjectModel
 from kennfeld.project.recording_parameters import recording_numbers
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.table_schema import GroupAxisEntry, ParameterEntry
@@ -139,8 +139,7 @@ class Axes:
         """Return a group axis of the initial files, with free breakpoints if the entry says so."""
         if name not in self._initial:
             remedy = nearest(name, self._initial) or "Write breakpoints, or begin, end and count."
-            what = "breakpoints are free" if entry.is_free else "the axis has no breakpoints"
-            message = f"{what}, but the initial files have no group axis {name}"
+            message = f"{entry.needs_points}, but the initial files have no group axis {name}"
             self._findings.error(entry.location, message, remedy)
             return None
         return free_breakpoints(self._initial[name], entry, self._findings)

@@ -66,9 +66,9 @@ def propose(
         result = run(problem, project.options)
         values = result.parameters
     started = replace(problem, parameters=values)
-    found = find_terms(started, scope, project.options, report, watch)
-    patched = tuple(replace(proposal, patch=_patch_text(project, problem, proposal)) for proposal in found.proposals)
-    return replace(found, proposals=patched, remarks=(*remarks, *found.remarks))
+    terms = find_terms(started, scope, project.options, report, watch)
+    patched = tuple(replace(proposal, patch=_patch_text(project, problem, proposal)) for proposal in terms.proposals)
+    return replace(terms, proposals=patched, remarks=(*remarks, *terms.remarks))
 
 
 def _calibrated(project: "Project", problem: Problem) -> ParameterSet | None:

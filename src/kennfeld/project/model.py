@@ -1,12 +1,12 @@
 """Reads the model of a project and its surrogates, and adds the expressions of criteria as nodes."""
 
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kennfeld.base.errors import Finding, Findings, Fix, InputError, Keys, Location
+from kennfeld.base.errors import Finding, Findings, InputError, Location, choices
 from kennfeld.base.file_errors import files_beside
 from kennfeld.base.formatting import count_noun, nearest, quoted, toml_text
 from kennfeld.base.lazy_dataclass import dataclass
@@ -95,12 +95,6 @@ def _exists(file: ProjectFile, reference: str, location: Location, findings: Fin
     fixes = choices(location.keys, others, removable=True)
     findings.error(location, message, nearest(path.name, files_beside(path)) or "Check the path.", fixes=fixes)
     return False
-
-
-def choices(keys: Keys, options: Sequence[str], *, removable: bool = False) -> list[Fix]:
-    """Return the fixes of a key that names something missing: the only alternative, or a choice; and its removal."""
-    known = [Fix.set(keys, options[0])] if len(options) == 1 else [Fix.choose(keys, options)] if options else []
-    return [*known, Fix.remove(keys)] if removable else known
 
 
 @dataclass(frozen=True)

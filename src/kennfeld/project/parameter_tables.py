@@ -246,8 +246,7 @@ class _TableBuilder:
             remedy = "Write breakpoints; or begin, end and count; or count."
             fix = Fix(f"Take {COUNT} points over the data", (((*self._keys, direction, "count"), COUNT),))
             fixes = [fix] if self._is_over_data(direction) else []
-            what = "breakpoints are free" if entry.is_free else "the axis has no breakpoints"
-            self._report(direction, f"{what}, but no initial file has any", remedy, fixes)
+            self._report(direction, f"{entry.needs_points}, but no initial file has any", remedy, fixes)
             return None
         return free_breakpoints(old, entry, self.findings)
 

@@ -119,6 +119,11 @@ class GroupAxisEntry:
         changed = self.is_free or self.step is not None
         return changed and not (self.group or self.points or self.quantiles)
 
+    @property
+    def needs_points(self) -> str:
+        """Why it needs breakpoints of the initial files, in words, if it leaves them to these."""
+        return "breakpoints are free" if self.is_free else "the axis has no breakpoints"
+
     def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
         """Yield contradictions between the keys."""
         if self.breakpoints == FREE and self.free is False:
