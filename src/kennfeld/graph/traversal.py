@@ -24,6 +24,18 @@ def ancestors(
     return sorted(seen)
 
 
+def ancestors_in_time(graph: Graph, roots: Iterable[int]) -> set[int]:
+    """Return the nodes from which the roots are computed, through states as well, roots included."""
+    reached: set[int] = set()
+    ends = {*roots}
+    while ends:
+        added = {*ancestors(graph.nodes, ends, without=reached)}
+        reached |= added
+        states = [graph.states[graph.nodes[at].payload] for at in added if graph.nodes[at].op == "state"]
+        ends = {at for state in states for at in (state.init, state.next)} - reached
+    return reached
+
+
 def rewrite(graph: Graph, resolve: Callable[[GraphBuilder, int, tuple[int, ...]], int]) -> Graph:
     """Return the graph with each node replaced by `resolve(builder, node, new arguments)`."""
     b = GraphBuilder()

@@ -5,7 +5,7 @@ the slopes of the outputs by all of them in the sweep that it does anyway, throu
 that by k.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 
@@ -14,9 +14,9 @@ from kennfeld.base.errors import ArgumentError
 from kennfeld.base.formatting import nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameters import Scalar
-from kennfeld.graph import Graph, GraphBuilder
+from kennfeld.graph import GraphBuilder
 from kennfeld.graph.builder import CONDITIONS
-from kennfeld.graph.traversal import ancestors, dependents
+from kennfeld.graph.traversal import ancestors_in_time, dependents
 from kennfeld.optimize.problem.problem import Problem
 
 MAX_NODES = 60
@@ -51,7 +51,8 @@ class Nodes:
                 raise ArgumentError(
                     f"nodes: the function has no node {pattern}. {nearest(pattern, graph.names)}".strip()
                 )
-        reached = _reached(graph, {criterion.node for criterion in problem.criteria} | _target_nodes(problem))
+        roots = {criterion.node for criterion in problem.criteria} | _target_nodes(problem)
+        reached = ancestors_in_time(graph, [graph.names[name] for name in roots])
         names: dict[int, str] = {}
         for name, at in graph.names.items():
             plain = graph.nodes[at].op not in ("input", "const") and graph.nodes[at].op not in CONDITIONS
@@ -66,18 +67,6 @@ class Nodes:
 
 def _target_nodes(problem: Problem) -> set[str]:
     return {node for c in problem.criteria if (node := problem.target_node(c)) is not None}
-
-
-def _reached(graph: Graph, roots: Collection[str]) -> set[int]:
-    """Return the nodes that some names depend on, through states as well."""
-    reached: set[int] = set()
-    open_nodes = [graph.names[name] for name in roots]
-    while open_nodes:
-        found = set(ancestors(graph.nodes, open_nodes)) - reached
-        reached |= found
-        states = [graph.states[graph.nodes[at].payload] for at in found if graph.nodes[at].op == "state"]
-        open_nodes = [at for state in states for at in (state.init, state.next) if at not in reached]
-    return reached
 
 
 @dataclass(frozen=True)

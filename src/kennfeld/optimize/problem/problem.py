@@ -19,7 +19,7 @@ from kennfeld.domain.free_axes import AxisKey, FreeAxis, free_axes, key_of
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.storage import StorageRounding
 from kennfeld.graph import Graph, GraphBuilder
-from kennfeld.graph.traversal import dependents
+from kennfeld.graph.traversal import ancestors_in_time
 from kennfeld.models import Model
 from kennfeld.optimize.problem.limit_nodes import keeps_pieces
 from kennfeld.optimize.problem.partitions import (
@@ -104,9 +104,10 @@ class Problem:
     def unscored_names(self) -> tuple[str, ...]:
         """The free parameters that no criterion with a weight depends on: the data say nothing about them."""
         graph, weighted = self.graph, [criterion.weight > 0 for criterion in self.criteria]
-        scored = {graph.names[name] for name in compress(self.differences, weighted)}
-        affected = ((n, dependents(graph, lambda node, name=n: node.parameter == name)) for n in self.free_names)  # type: ignore[misc]
-        return tuple(name for name, nodes in affected if nodes.isdisjoint(scored))
+        scored = [graph.names[name] for name in compress(self.differences, weighted)]
+        # one walk from the criteria, however many parameters there are
+        used = {graph.nodes[at].parameter for at in ancestors_in_time(graph, scored)}
+        return tuple(name for name in self.free_names if name not in used)
 
     @property
     def has_goals(self) -> bool:
