@@ -58,29 +58,14 @@ def active_constraints(problem: Problem, parameters: ParameterSet) -> tuple[Acti
         alone = replace(problem, parameters=fixed, pins=(), constraints=(constraint,), limits=())
         rows = linear_limits(alone, values).rows
         product, size = rows.times(flat), rows.size(flat)
-        active = np.flatnonzero(_near(product, rows.lower, size) | _near(product, rows.upper, size))
-        beyond = np.where(_within(product, rows.lower, rows.upper, size), 0.0, _beyond(product, rows.lower, rows.upper))
-        at = int(beyond.argmax()) if rows.count else 0
-        excess = float(beyond[at]) if rows.count else 0.0
-        constraints.append(
-            ActiveConstraint(
-                constraint,
-                rows.count,
-                tuple(rows.names[i] for i in active),
-                excess,
-                rows.names[at] if excess > 0 else "",
-            )
-        )
+        at_side = _near(product, rows.lower, size) | _near(product, rows.upper, size)
+        active = tuple(rows.names[i] for i in np.flatnonzero(at_side))
+        # what is at a side is beyond it by rounding only
+        beyond = np.where(at_side, 0.0, np.maximum(rows.lower - product, product - rows.upper))
+        excess = float(beyond.max(initial=0.0))
+        worst = rows.names[int(beyond.argmax())] if excess > 0 else ""
+        constraints.append(ActiveConstraint(constraint, rows.count, active, excess, worst))
     return tuple(constraints)
-
-
-def _beyond(product: Float, lower: Float, upper: Float) -> Float:
-    return np.maximum(lower - product, product - upper)
-
-
-def _within(product: Float, lower: Float, upper: Float, size: Float) -> Bool:
-    """Mark rows that no side excludes by more than rounding."""
-    return (_beyond(product, lower, upper) <= 0) | _near(product, lower, size) | _near(product, upper, size)
 
 
 def _near(product: Float, side: Float, size: Float) -> Bool:
