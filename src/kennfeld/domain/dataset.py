@@ -382,6 +382,21 @@ def _truths_or_none(source: ArrayLike | None, label: str) -> Bool | None:
     return None if source is None else truths(source, label)
 
 
+def pick(data: Dataset, samples: Int) -> Dataset:
+    """Return some samples of a dataset, Int[picked] in rising order; pieces without any of them vanish."""
+    # the start of a piece that vanishes coincides with the next one, or with the end
+    starts = np.unique(np.searchsorted(samples, data.starts))
+    return replace(
+        data,
+        channels=tuple(replace(channel, values=channel.values[samples]) for channel in data.channels),
+        time=None if data.time is None else data.time[samples],
+        starts=starts[starts < samples.size] if samples.size else np.zeros(1, dtype=np.int64),
+        scored=None if data.scored is None else data.scored[samples],
+        recorded=None if data.recorded is None else data.recorded[samples],
+        files=None if data.files is None else data.files.picked(samples),
+    )
+
+
 def time_steps(time: Float, starts: Int, between: float = np.nan) -> Iterator[tuple[int, Float]]:
     """Yield a number of a sample and the steps in s before it and the samples after it, block by block.
 

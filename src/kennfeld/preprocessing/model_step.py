@@ -7,7 +7,7 @@ import numpy as np
 
 from kennfeld.base.arrays import Bool, Float, Int
 from kennfeld.base.errors import Finding, Fix, InputError, Location
-from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.dataset import Dataset, pick
 from kennfeld.domain.file_spans import FileSpans
 from kennfeld.measurement.time_column import unit_remedy
 from kennfeld.preprocessing.time_shift import resample_channel
@@ -116,16 +116,4 @@ def recorded_samples(simulated: Dataset, recorded: Bool) -> Dataset:
         simulated: channels over the model's steps.
         recorded: which of its samples the data have; Bool[samples].
     """
-    kept = np.flatnonzero(recorded)
-    # a piece without any sample of the data vanishes: its start coincides with the next one, or with the end
-    starts = np.unique(np.searchsorted(kept, simulated.starts))
-    starts = starts[starts < kept.size] if kept.size else np.zeros(1, dtype=np.int64)
-    return replace(
-        simulated,
-        channels=tuple(replace(channel, values=channel.values[kept]) for channel in simulated.channels),
-        time=None if simulated.time is None else simulated.time[kept],
-        starts=starts,
-        scored=None if simulated.scored is None else simulated.scored[kept],
-        files=None if simulated.files is None else simulated.files.picked(kept),
-        recorded=None,
-    )
+    return pick(replace(simulated, recorded=None), np.flatnonzero(recorded))

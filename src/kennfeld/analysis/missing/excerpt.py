@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from kennfeld.base.arrays import Int
-from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.dataset import Dataset, pick
 from kennfeld.optimize.problem.problem import Problem
 
 
@@ -31,17 +31,7 @@ def excerpt(problem: Problem, share: float) -> Problem:
 def _part(data: Dataset, share: float) -> Dataset:
     if data.samples == 0:
         return data
-    parts = [_kept(piece, share, timed=data.time is not None) for piece in data.pieces]
-    samples = np.concatenate(parts)
-    return replace(
-        data,
-        channels=tuple(replace(channel, values=channel.values[samples]) for channel in data.channels),
-        time=None if data.time is None else data.time[samples],
-        starts=np.cumsum([0, *(part.size for part in parts[:-1])]),
-        scored=None if data.scored is None else data.scored[samples],
-        recorded=None if data.recorded is None else data.recorded[samples],
-        files=None if data.files is None else data.files.picked(samples),
-    )
+    return pick(data, np.concatenate([_kept(piece, share, timed=data.time is not None) for piece in data.pieces]))
 
 
 def _kept(piece: slice, share: float, *, timed: bool) -> Int:
