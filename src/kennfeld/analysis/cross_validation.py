@@ -107,10 +107,9 @@ def folds_of(
     """
     if count < 2:
         raise ArgumentError(f"folds must be >= 2, got {count}")
-    pieces = [(i, piece) for i, data in enumerate(datasets) for piece in data.pieces if piece.stop > piece.start]
+    pieces = _pieces(datasets)
     if kind == "auto":
-        timed = memory or any(data.time is not None for data in datasets)
-        kind = "files" if len(pieces) >= count else "blocks" if timed else "random"
+        kind = suitable_kind(datasets, count, memory=memory)
     if kind == "random" and memory:
         message = "a model with states cannot be cross-validated on random samples"
         raise InputError.of(PLACE, message, 'Use kind = "blocks".')
@@ -122,6 +121,16 @@ def folds_of(
         return _hold_out_random_samples(datasets, count, seed)
     hold_out = _hold_out_pieces if kind == "files" else _hold_out_blocks
     return hold_out(datasets, pieces, count)
+
+
+def suitable_kind(datasets: Sequence[Dataset], count: int, *, memory: bool, whole: bool = True) -> Kind:
+    """Return the kind of folds that `auto` stands for; see `folds_of`. Without `whole`, pieces are divided."""
+    timed = memory or any(data.time is not None for data in datasets)
+    return "files" if whole and len(_pieces(datasets)) >= count else "blocks" if timed else "random"
+
+
+def _pieces(datasets: Sequence[Dataset]) -> list[tuple[int, slice]]:
+    return [(i, piece) for i, data in enumerate(datasets) for piece in data.pieces if piece.stop > piece.start]
 
 
 def _masks(datasets: Sequence[Dataset]) -> tuple[Bool, ...]:

@@ -5,7 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.analysis.cross_validation import Fold, Kind, PartitionFold, fold_problem, folds_of, name_partitions
+from kennfeld.analysis.cross_validation import (
+    Fold,
+    PartitionFold,
+    fold_problem,
+    folds_of,
+    name_partitions,
+    suitable_kind,
+)
 from kennfeld.analysis.missing.score import TermScore
 from kennfeld.analysis.missing.terms import MissingTerm, extended_model
 from kennfeld.base.errors import InputError, Location
@@ -124,9 +131,8 @@ def hold_out(problem: Problem, options: Options, *, whole: bool = True) -> tuple
         name, folds = "files", _file_folds(problem.partitions.training)
     else:
         datasets = problem.fitted_datasets
-        memory = any(data.time is not None for data in datasets) or bool(problem.model.graph.states)
-        files = whole and sum(len(data.pieces) for data in datasets) >= FOLDS
-        kind: Kind = "files" if files else "blocks" if memory else "random"
+        memory = bool(problem.model.graph.states)
+        kind = suitable_kind(datasets, FOLDS, memory=memory, whole=whole)
         name = "samples" if kind == "random" else kind
         folds = folds_of(datasets, FOLDS, kind, memory=memory)
     parts = []
