@@ -60,8 +60,7 @@ class MissingTerm:
         """
         words = re.findall(r"\w+", f"{self.node} {self.channel}")
         stem = _PREFIX[self.kind] + "".join(word[:1].upper() + word[1:] for word in words)
-        names = (stem, *(f"{stem}{number}" for number in range(2, len(taken) + 3)))
-        return next(name for name in names if name not in taken)
+        return unused_name(stem, taken)
 
     def parameter(self, name: str) -> Parameter | None:
         """Return the new parameter without effect; a lag starts at its time constant, a delay has none."""
@@ -74,9 +73,13 @@ class MissingTerm:
 
     def time_constant(self, taken: Collection[str]) -> str:
         """Return a name for the node of the time constant, to which the next term may be added."""
-        stem = f"T_{self.node}"
-        names = (stem, *(f"{stem}_{number}" for number in range(2, len(taken) + 3)))
-        return next(name for name in names if name not in taken)
+        return unused_name(f"T_{self.node}", taken, "_")
+
+
+def unused_name(stem: str, taken: Collection[str], separator: str = "") -> str:
+    """Return a name that is not taken: the stem, or with the first number from 2 on that makes it one."""
+    names = (stem, *(f"{stem}{separator}{number}" for number in range(2, len(taken) + 3)))
+    return next(name for name in names if name not in taken)
 
 
 def extended_model(model: Model, term: MissingTerm, parameter: str) -> Model:

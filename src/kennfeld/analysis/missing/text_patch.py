@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from kennfeld.analysis.missing.refit import Addition
-from kennfeld.analysis.missing.terms import MissingTerm
+from kennfeld.analysis.missing.terms import MissingTerm, unused_name
 from kennfeld.models.formula.functions import FUNCTIONS
 from kennfeld.models.formula.lexer import DECLARATIONS, is_plain, split, statements
 from kennfeld.models.formula.syntax import Token
@@ -47,7 +47,7 @@ def with_term(text: str, addition: Addition, inputs: Collection[str] = (), taken
     elif any(_is_remembered(tokens, term.node) for tokens in every if tokens is not equation.tokens):
         return None
     else:
-        inner = quoted_name(_inner_name(term.node, {*taken, constant}))
+        inner = quoted_name(unused_name(f"{term.node}_inner", {*taken, constant}))
         before, after = _around(term, label, constant, [Token("name", inner, 1, 1)], [inner])
         corrected = [f"{quoted_name(term.node)}{equation.unit} = {before}{inner}{after}"]
         for token in reversed((equation.name, *own)):
@@ -93,12 +93,6 @@ def _is_remembered(tokens: Sequence[Token], name: str) -> bool:
         elif any(calls) and _is_name(token, name):
             return True
     return False
-
-
-def _inner_name(node: str, taken: Collection[str]) -> str:
-    """Return a name for the node without its term."""
-    names = (f"{node}_inner", *(f"{node}_inner{number}" for number in range(2, len(taken) + 3)))
-    return next(name for name in names if name not in taken)
 
 
 def quoted_name(name: str) -> str:
