@@ -13,6 +13,7 @@ from kennfeld.base.numeric import finite_or_none, nested_or_none
 from kennfeld.design.fitted_function import FittedFunction
 from kennfeld.design.predicted_estimate import deviations
 from kennfeld.design.value_text import ValueNames
+from kennfeld.optimize.fit.result import aligned
 
 TOLERATED = 1.1  # deviation relative to the predicted one that counts as reached
 SAME_NOISE = 1.1  # ratio of noises that is not worth a sentence
@@ -98,10 +99,7 @@ class DesignComparison:
         }
 
     def __str__(self) -> str:
-        rows = self.table()
-        widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-        lines = ["  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in rows]
-        return "\n".join([*lines, *self.summary()])
+        return "\n".join([*aligned(self.table()), *self.summary()])
 
 
 def compare(

@@ -20,7 +20,7 @@ from kennfeld.design.comparison import DesignComparison, compare
 from kennfeld.design.fitted_function import FittedFunction
 from kennfeld.design.manoeuvres import TimeTable
 from kennfeld.domain.file_spans import short_names
-from kennfeld.optimize.fit.result import Result
+from kennfeld.optimize.fit.result import Result, aligned
 
 MOST_ROWS = 8  # points that a text shows
 
@@ -200,12 +200,9 @@ class Design:
     def __str__(self) -> str:
         rows = self.table()
         shown = rows[: MOST_ROWS + 1]
-        widths = [max(len(row[i]) for row in shown) for i in range(len(shown[0]))] if shown else []
-        lines = [
-            "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in shown
-        ]
         more = len(rows) - len(shown)
-        return "\n".join([*lines, *([f"and {count_noun(more, 'more row')}"] if more > 0 else []), *self.summary()])
+        further = [f"and {count_noun(more, 'more row')}"] if more > 0 else []
+        return "\n".join([*aligned(shown), *further, *self.summary()])
 
 
 def _nested(values: Mapping[str, Float]) -> dict[str, Any]:
