@@ -150,8 +150,9 @@ def with_corrections(graph: Graph, corrections: Mapping[int, Correction]) -> Gra
         own = b.node(op, tuple(number[a] for a in args), payload)
         uncorrected.append(own)
         number.append(corrections[at](b, own, names) if at in corrections else own)
+    loops = {k for k, s in enumerate(graph.states) if s.next in corrections and remembers_itself(graph, k)}
     b.states[: len(graph.states)] = [
-        State(number[s.init], (uncorrected if remembers_itself(graph, k) else number)[s.next], s.latency)
+        State(number[s.init], (uncorrected if k in loops else number)[s.next], s.latency)
         for k, s in enumerate(graph.states)
     ]
     b.settle()
