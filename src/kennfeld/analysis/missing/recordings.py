@@ -21,17 +21,19 @@ def numbered(problem: Problem) -> tuple[Problem, tuple[str, ...]]:
     too many recordings, or with data in partitions, the problem stays as it is and has no names.
     """
     names: list[str] = []
-    datasets: list[Dataset] = []
+    columns: list[Float] = []
     for data in problem.datasets:
         numbers = np.full(data.samples, np.nan)
         if data.is_fitted and data.samples:
             for name, first, last in _spans(data):
                 numbers[first:last] = len(names)
                 names.append(name)
-        datasets.append(data.with_channels(Channel(RECORDING, numbers)))
+        columns.append(numbers)
     if not FEWEST <= len(names) <= MOST or problem.partitions is not None:
         return problem, ()
-    return replace(problem, datasets=tuple(_filled(data, len(names)) for data in datasets)), tuple(names)
+    filled = (Channel(RECORDING, np.nan_to_num(numbers, nan=len(names))) for numbers in columns)
+    datasets = (data.with_channels(channel) for data, channel in zip(problem.datasets, filled, strict=True))
+    return replace(problem, datasets=tuple(datasets)), tuple(names)
 
 
 def _spans(data: Dataset) -> Iterator[tuple[str, int, int]]:
@@ -44,12 +46,6 @@ def _spans(data: Dataset) -> Iterator[tuple[str, int, int]]:
     pieces = data.pieces
     for number, piece in enumerate(pieces, 1):
         yield data.name if len(pieces) == 1 else f"{data.name} piece {number}", piece.start, piece.stop
-
-
-def _filled(data: Dataset, number: int) -> Dataset:
-    values: Float = np.nan_to_num(data[RECORDING].values, nan=number)
-    others = tuple(channel for channel in data.channels if channel.name != RECORDING)
-    return replace(data, channels=(*others, Channel(RECORDING, values)))
 
 
 def recording_count(problem: Problem) -> int:
