@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 from kennfeld.analysis.missing.excerpt import excerpt
+from kennfeld.analysis.missing.settled import settled_problem
 from kennfeld.base.arrays import ignore_floating_errors
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.optimize.fit.result import Result, Seconds
@@ -78,7 +79,7 @@ def hints(problem: Problem, result: Result) -> Hints:
     certificate = result.certificate
     left = 0.0 if result.converged or certificate is None else certificate.predicted_decrease
     # of data in partitions, this process has an excerpt
-    settled = _settled(replace(problem, partitions=None), result)
+    settled = settled_problem(replace(problem, partitions=None), result)
     samples = sum(data.samples for data in settled.fitted_datasets)
     fixed = PER_NODE * len(problem.model.graph.nodes) + PER_CUBE * problem.free_size**3
     count = affordable_samples(result.seconds, result.evaluations, samples, fixed)
@@ -99,12 +100,6 @@ def affordable_samples(seconds: Seconds, evaluations: int, samples: int, fixed: 
         return 0
     each = EVALUATIONS * seconds.optimize / max(evaluations, 1) / max(samples, 1)
     return max(FEWEST, int(min((allowed - fixed) / each, samples)) if each > 0 else samples)
-
-
-def _settled(problem: Problem, result: Result) -> Problem:
-    from kennfeld.analysis.missing.settled import settled_problem
-
-    return settled_problem(problem, result)
 
 
 def _scored(problem: Problem, left: float) -> Hints:
