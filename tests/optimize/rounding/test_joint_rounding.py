@@ -3,8 +3,7 @@ import pytest
 from scipy.sparse import csr_array
 
 from kennfeld.optimize.rounding.joint_rounding import round_values
-from kennfeld.optimize.rounding.lattice import PULL
-from kennfeld.optimize.rounding.repair import violated_rows
+from kennfeld.optimize.rounding.lattice import PULL, violated_rows
 from tests.optimize.rounding.lattices import correlated, cost_of, lattice_of, least_cost
 
 

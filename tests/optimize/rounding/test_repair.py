@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from kennfeld.optimize.rounding.repair import repair, violated_rows
+from kennfeld.optimize.rounding.lattice import violated_rows
+from kennfeld.optimize.rounding.repair import repair
 from tests.optimize.rounding.lattices import lattice_of
 
 RISING = np.diff(np.eye(5), axis=0)

@@ -7,8 +7,8 @@ Improved methods for calculating vectors of short length in a lattice, Math. Com
 
 import numpy as np
 
-from kennfeld.base.arrays import Bool, Float
-from kennfeld.optimize.rounding.lattice import Lattice
+from kennfeld.base.arrays import Float
+from kennfeld.optimize.rounding.lattice import Lattice, violated_rows
 
 MOST_VALUES = 24
 MOST_PATHS = 20_000  # partial sums side by side, beyond which the search is given up
@@ -34,12 +34,10 @@ def improve_small(lattice: Lattice, matrix: Float, numbers: Float) -> Float:
         return numbers
     candidates = np.empty_like(paths)
     candidates[:, order] = paths
-    candidates = candidates[_keeping_rows(lattice, candidates)]
-    if not len(candidates):
-        return numbers
     offsets = candidates - lattice.centre
-    best: Float = candidates[np.argmin(np.einsum("ki,ij,kj->k", offsets, matrix, offsets, optimize=True))]
-    return best
+    costs = np.einsum("ki,ij,kj->k", offsets, matrix, offsets, optimize=True)
+    ranked = (candidates[at] for at in np.argsort(costs, kind="stable"))
+    return next((each for each in ranked if not violated_rows(lattice, each).any()), numbers)
 
 
 def _paths_below(factor: Float, centre: Float, limits: list[Float], bound: float) -> Float | None:
@@ -60,12 +58,3 @@ def _paths_below(factor: Float, centre: Float, limits: list[Float], bound: float
         paths[:, i] = low[parents] + steps
         costs = costs[parents] + np.square((paths[:, i] - best[parents]) * factor[i, i])
     return paths
-
-
-def _keeping_rows(lattice: Lattice, candidates: Float) -> Bool:
-    """Mark the candidates, Float[candidates, size], that keep all rows, Bool[candidates]."""
-    rows = lattice.rows
-    if not rows.count:
-        return np.ones(len(candidates), dtype=bool)
-    products = np.einsum("rw,krw->kr", rows.coefficients, candidates[:, rows.columns])
-    return np.asarray(((products >= rows.lower) & (products <= rows.upper)).all(axis=1))

@@ -133,6 +133,12 @@ class Lattice:
         return (matrix + (PULL * mean or 1.0) * eye_array(self.size)).tocsr()
 
 
+def violated_rows(lattice: Lattice, numbers: Float) -> Bool:
+    """Mark the rows that whole numbers, Float[size], violate, Bool[rows]."""
+    product = lattice.rows.times(numbers)
+    return np.asarray((product < lattice.rows.lower) | (product > lattice.rows.upper))
+
+
 def _rows_in_steps(rows: LinearRows, fit: Float, slope: Float, centre: Float) -> LinearRows:
     """Return rows over values as rows over whole numbers, with room for rounding errors unless they are equalities."""
     if not rows.count:

@@ -11,7 +11,7 @@ import numpy as np
 
 from kennfeld.base.arrays import Bool, Float, Int, Sparse
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.optimize.rounding.lattice import Lattice, matrix_of
+from kennfeld.optimize.rounding.lattice import Lattice, matrix_of, violated_rows
 
 MAX_NODES = 2000  # of the branches of one program; unlike a time, it gives the same result everywhere
 REACH = 3  # rows from a violated one, as far as which values move at first
@@ -51,12 +51,6 @@ def repair(lattice: Lattice, target: Float, weights: Float) -> Repair:
         else:
             numbers = moved
     return Repair(numbers, impossible)
-
-
-def violated_rows(lattice: Lattice, numbers: Float) -> Bool:
-    """Mark the rows that whole numbers, Float[size], violate, Bool[rows]."""
-    product = lattice.rows.times(numbers)
-    return np.asarray((product < lattice.rows.lower) | (product > lattice.rows.upper))
 
 
 @dataclass(frozen=True, eq=False)
