@@ -256,8 +256,8 @@ class Outcome:
 
     def __str__(self) -> str:
         case, near = self.case, f", predicted {self.closeness:+.2%}" if np.isfinite(self.closeness) else ""
-        what = f"{case.name}, {case.channel or 'nothing'} at {case.effect:g} deviations" if case.channel else case.name
-        return f"{what}: channel {self.channel}, place {self.place}, false {self.false}{near}, {self.seconds:.1f} s"
+        title = f"{case.name}, {case.channel or 'nothing'} at {case.effect:g} deviations" if case.channel else case.name
+        return f"{title}: channel {self.channel}, place {self.place}, false {self.false}{near}, {self.seconds:.1f} s"
 
 
 @dataclass(frozen=True)
@@ -286,10 +286,10 @@ class Residuals:
 def judge(case: Case) -> Outcome:
     """Let `propose` look for the term of a case."""
     began = time.process_time()
-    found = kf.propose(case.text, case.data, case.start, case.target, **case.settings)
+    proposals = kf.propose(case.text, case.data, case.start, case.target, **case.settings)
     seconds = time.process_time() - began
-    first = found[0] if found.proposals else None
-    wrong = any(not case.channel or proposal.term.channel != case.channel for proposal in found.proposals)
+    first = proposals[0] if proposals.proposals else None
+    wrong = any(not case.channel or proposal.term.channel != case.channel for proposal in proposals.proposals)
     channel = first is not None and bool(case.channel) and first.term.channel == case.channel
     places = set() if first is None else {first.term.node, *(place.node for place in first.equal_places)}
     close = np.nan
@@ -298,11 +298,11 @@ def judge(case: Case) -> Outcome:
     return Outcome(case, channel, channel and bool(places & case.nodes), wrong, seconds, close)
 
 
-def by_splines(left: Residuals, points: int = 6) -> str:
+def by_splines(residuals: Residuals, points: int = 6) -> str:
     """Return the channel that explains most of the residuals by a spline: today's habit."""
-    r = left.errors
+    r = residuals.errors
     best, share = "", 0.0
-    for name, x in zip(left.names, left.columns.T, strict=True):
+    for name, x in zip(residuals.names, residuals.columns.T, strict=True):
         knots = np.quantile(x, np.linspace(0.01, 0.99, points))
         hats = np.array([np.interp(x, knots, row) for row in np.eye(points)]).T
         rest = r - hats @ np.linalg.lstsq(hats, r, rcond=None)[0]
@@ -313,21 +313,21 @@ def by_splines(left: Residuals, points: int = 6) -> str:
     from scipy.stats import f
 
     ratio = share / points / ((1 - share) / (r.size - points))
-    return best if f.sf(ratio, points, r.size - points) * len(left.names) < 0.01 else ""
+    return best if f.sf(ratio, points, r.size - points) * len(residuals.names) < 0.01 else ""
 
 
-def by_boosting(left: Residuals) -> str:
+def by_boosting(residuals: Residuals) -> str:
     """Return the most important channel of a boosted fit to the residuals, if it explains held-out ones."""
     from sklearn.ensemble import HistGradientBoostingRegressor
     from sklearn.inspection import permutation_importance
 
-    X, r = left.columns, left.errors
+    X, r = residuals.columns, residuals.errors
     cut = int(0.7 * r.size)
     model = HistGradientBoostingRegressor(max_iter=100, random_state=0).fit(X[:cut], r[:cut])
     if model.score(X[cut:], r[cut:]) <= 0:
         return ""
     importance = permutation_importance(model, X[cut:], r[cut:], n_repeats=2, random_state=0)
-    return left.names[int(np.argmax(importance.importances_mean))]
+    return residuals.names[int(np.argmax(importance.importances_mean))]
 
 
 SPLINES = "spline of the residuals, by channel"
@@ -340,13 +340,13 @@ PEERS: Mapping[str, tuple[str, Callable[[Residuals], str]]] = {
 
 def judge_peers(case: Case) -> dict[str, Outcome]:
     """Let the peers that are installed look for the channel of a case; their time is without that of the fit."""
-    left = Residuals.of(case)
+    residuals = Residuals.of(case)
     outcomes = {}
     for name, (package, method) in PEERS.items():
         if not installed(package):
             continue
         began = time.process_time()
-        channel = method(left)
+        channel = method(residuals)
         seconds = time.process_time() - began
         right = bool(channel) and channel == case.channel
         outcomes[name] = Outcome(case, right, False, bool(channel) and not right, seconds)

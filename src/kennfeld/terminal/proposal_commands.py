@@ -49,7 +49,7 @@ def propose(
         if undo:
             return _undo(project)
         try:
-            found = project.propose(
+            proposals = project.propose(
                 channels=channels or ("*",),
                 nodes=nodes or ("*",),
                 kinds=kinds or KINDS,  # type: ignore[arg-type]
@@ -61,39 +61,38 @@ def propose(
         except KeyboardInterrupt:
             return INTERRUPTED
         if number is not None:
-            _require_proposal(found, number)
-        written = () if number is None else project.apply(found[number - 1])
+            _require_proposal(proposals, number)
+        written = () if number is None else project.apply(proposals[number - 1])
     if as_json:
         applied = {"applied": {"number": number, "files": [str(file) for file in written]}} if written else {}
-        print_values(json.dumps(found.as_json() | applied, indent=2, ensure_ascii=False))
+        print_values(json.dumps(proposals.as_json() | applied, indent=2, ensure_ascii=False))
         return DONE
-    _print(found)
+    _print(proposals)
     if written and number is not None:
-        print_lines("", f"Applied proposal {number}: {found[number - 1].change}.")
+        print_lines("", f"Applied proposal {number}: {proposals[number - 1].change}.")
         print_lines(f"Written to {join_names([str(file) for file in written])}")
         print_lines(f"Next: kennfeld calibrate {path}", f"Undo: kennfeld propose {path} --undo")
-    elif found.proposals:
+    elif proposals.proposals:
         print_lines(f"Next: kennfeld propose {path} --apply 1")
     return DONE
 
 
-def _require_proposal(found: "TermProposals", number: int) -> None:
+def _require_proposal(proposals: "TermProposals", number: int) -> None:
     """Raise `InputError` if there is no proposal of a number."""
-    if number <= len(found):
+    if number <= len(proposals):
         return
-    if found.proposals:
-        message = f"there is no proposal {number}, only {count_noun(len(found), 'proposal')}"
-        raise InputError.of(Location("--apply"), message, f"Write a number from 1 to {len(found)}.")
-    rejected = "; ".join(found.rejected)
+    if proposals.proposals:
+        message = f"there is no proposal {number}, only {count_noun(len(proposals), 'proposal')}"
+        raise InputError.of(Location("--apply"), message, f"Write a number from 1 to {len(proposals)}.")
+    rejected = "; ".join(proposals.rejected)
     remedy = f"Rejected: {rejected}." if rejected else ""
-    raise InputError.of(Location("--apply"), f"there is no proposal {number}. {found.message}", remedy)
+    raise InputError.of(Location("--apply"), f"there is no proposal {number}. {proposals.message}", remedy)
 
 
-def _print(found: "TermProposals") -> None:
-    print_lines(*found.lines())
-    print_lines(
-        f"{found.candidates} candidates; {found.seconds[0]:.1f} s to score them, {found.seconds[1]:.1f} s to fit"
-    )
+def _print(proposals: "TermProposals") -> None:
+    scores, fits = proposals.seconds
+    print_lines(*proposals.lines())
+    print_lines(f"{proposals.candidates} candidates; {scores:.1f} s to score them, {fits:.1f} s to fit")
 
 
 def _undo(project: "Project") -> int:

@@ -61,8 +61,13 @@ class Hints:
     def from_json(cls, content: Any) -> "Hints | None":
         """Return what `as_json` has written; None if it is something else."""
         match content:
-            case {"scored": bool(scored), "best": str(best), "share_left": float() | int() as left, "share": share}:
-                return cls(float(left), scored, best, float(share)) if isinstance(share, int | float) else None
+            case {
+                "share_left": float() | int() as share_left,
+                "scored": bool(scored),
+                "best": str(best),
+                "share": float() | int() as share,
+            }:
+                return cls(float(share_left), scored, best, float(share))
         return None
 
 
@@ -77,13 +82,13 @@ def hints(problem: Problem, result: Result) -> Hints:
         result: of the calibration.
     """
     certificate = result.certificate
-    left = 0.0 if result.converged or certificate is None else certificate.predicted_decrease
+    share_left = 0.0 if result.converged or certificate is None else certificate.predicted_decrease
     # of data in partitions, this process has an excerpt
     settled = settled_problem(replace(problem, partitions=None), result)
     samples = sum(data.samples for data in settled.fitted_datasets)
     fixed = PER_NODE * len(problem.model.graph.nodes) + PER_CUBE * problem.free_size**3
     count = affordable_samples(result.seconds, result.evaluations, samples, fixed)
-    return _scored(excerpt(settled, count / max(samples, 1)), left) if count else Hints(left)
+    return _scored(excerpt(settled, count / max(samples, 1)), share_left) if count else Hints(share_left)
 
 
 def affordable_samples(seconds: Seconds, evaluations: int, samples: int, fixed: float) -> int:
@@ -102,7 +107,7 @@ def affordable_samples(seconds: Seconds, evaluations: int, samples: int, fixed: 
     return max(FEWEST, int(min((allowed - fixed) / each, samples)) if each > 0 else samples)
 
 
-def _scored(problem: Problem, left: float) -> Hints:
+def _scored(problem: Problem, share_left: float) -> Hints:
     from kennfeld.analysis.missing.channels import Channels
     from kennfeld.analysis.missing.probes import Nodes
     from kennfeld.analysis.missing.scoring import score_problem
@@ -114,4 +119,4 @@ def _scored(problem: Problem, left: float) -> Hints:
     with ignore_floating_errors():
         scored = score_problem(problem, Channels.of(problem), last, ("add", "multiply", "lag"), LAGS)
     best = significant(scored.scores)[:1]
-    return Hints(left, True, describe(best[0].term) if best else "", scored.share)
+    return Hints(share_left, True, describe(best[0].term) if best else "", scored.share)

@@ -256,14 +256,14 @@ class _TermSearch:
         self._report("fitting the function to parts of the data")
         kept: list[TermProposal] = []
         rejected: list[str] = []
-        held: dict[bool, tuple[str, list[HeldOut]]] = {}
+        held_out: dict[bool, tuple[str, list[HeldOut]]] = {}
         for number, group in enumerate(groups, 1):
             self._report(f"fitting candidate {number} of {len(groups)}: {describe(group.best.term)}")
             addition = Addition.of(problem, group.best)
             whole = group.best.term.kind != "offset"
-            if whole not in held:
-                held[whole] = hold_out(problem, self._options, whole=whole)
-            change = self._held_out(*held[whole], addition)
+            if whole not in held_out:
+                held_out[whole] = hold_out(problem, self._options, whole=whole)
+            change = self._held_out(*held_out[whole], addition)
             reason = self._fault(change)
             if reason:
                 rejected.append(f"{describe(group.best.term)}: {reason}")
@@ -324,19 +324,20 @@ class _TermSearch:
         )
         return HeldOutChange(RmseChange(before, pooled(squares, parts)), name, better, len(parts), errors)
 
-    def _fault(self, held: "HeldOutChange") -> str:
+    def _fault(self, change: "HeldOutChange") -> str:
         """Return why a candidate is not proposed, given its errors on all held-out parts; "" if it is."""
-        if len(held.errors) < held.parts:
-            return f"no better on held-out {held.name} ({held.rmse})"
+        if len(change.errors) < change.parts:
+            return f"no better on held-out {change.name} ({change.rmse})"
         # of most parts, not of one alone that is far off
-        if not held.rmse.after < (1 - MARGIN) * held.rmse.before or 2 * held.better <= held.parts:
-            return f"no better on held-out {held.name} ({held.rmse}, better in {held.better} of {held.parts} parts)"
-        if held.rmse.explained < self._scope.least:
-            return f"explains {held.rmse.explained:.3g} on held-out {held.name}, less than {self._scope.least:g}"
+        if not change.rmse.after < (1 - MARGIN) * change.rmse.before or 2 * change.better <= change.parts:
+            share = f"better in {change.better} of {change.parts} parts"
+            return f"no better on held-out {change.name} ({change.rmse}, {share})"
+        if change.rmse.explained < self._scope.least:
+            return f"explains {change.rmse.explained:.3g} on held-out {change.name}, less than {self._scope.least:g}"
         return ""
 
     def _proposal(
-        self, group: CandidateGroup, scored: Scored, addition: Addition, held: "HeldOutChange"
+        self, group: CandidateGroup, scored: Scored, addition: Addition, change: "HeldOutChange"
     ) -> TermProposal:
         problem, result = self._base
         term = group.best.term
@@ -352,19 +353,19 @@ class _TermSearch:
                 EqualPlace(s.term.node, s.term.kind, s.term.channel, Addition.of(problem, s)) for s in group.equal
             ),
             rmse=_change(result, refit, "training"),
-            held_out=held.rmse,
-            held_name=held.name,
+            held_out=change.rmse,
+            held_name=change.name,
             test=None if np.isnan(test.before) else test,
             predicted=float(np.sqrt(max(group.best.predicted, 0.0) / scored.weights)),
             probability=min(group.best.p * len(scored.scores), 1.0),
             parameter=parameter,
-            better=held.better,
-            parts=held.parts,
+            better=change.better,
+            parts=change.parts,
             unit=self._unit,
             location="" if location is None else str(location),
             addition=addition,
             offsets=self._offsets(parameter) if term.kind == "offset" else {},
-            held_out_parts=held.errors,
+            held_out_parts=change.errors,
             fit=refit,
         )
 

@@ -232,9 +232,9 @@ class Linearisation:
         rest = pulls[:, used] - (shares @ pulls.sum(axis=1)).T
         # with independent blocks of covariance dispersion * S, what is left has dispersion * (S - S S): a column that
         # few blocks have leaves little (F. E. Satterthwaite, Biometrics Bulletin 2, 1946)
-        left = shares - shares @ shares
-        expected = float(np.trace(left, axis1=1, axis2=2).sum())
-        freedom = expected**2 / max(float((left**2).sum()), 1e-300)
+        remaining = shares - shares @ shares
+        expected = float(np.trace(remaining, axis1=1, axis2=2).sum())
+        freedom = expected**2 / max(float((remaining**2).sum()), 1e-300)
         # directions share one dispersion, but are not independent
         freedom = freedom / 2 if len(pulls) > 1 else freedom - 1
         share = self.sums.counts[:-1].sum() / self.count

@@ -111,8 +111,8 @@ class _Scorer:
 
     @classmethod
     def of(cls, compiled: CompiledProblem, probes: Probes, blocks: int) -> "_Scorer":
-        held = HoldoutBlocks.of(compiled, blocks)
-        divisions, count = (held.divisions, held.sizes.size) if held is not None else ({}, 0)
+        holdout = HoldoutBlocks.of(compiled, blocks)
+        divisions, count = (holdout.divisions, holdout.sizes.size) if holdout is not None else ({}, 0)
         own: Sequence[BlockSums] = [*compiled.each(block_sums, compiled.start, divisions, count)]
         names = [name for number in range(len(probes.nodes)) for name in (offset(number), factor(number))]
         linear = Linearisation(compiled, compiled.start, merged_blocks(own), names)

@@ -20,9 +20,9 @@ class CandidateGroup:
 
 def significant(scores: Sequence[TermScore]) -> list[TermScore]:
     """Return the scores that chance does not explain, the best first."""
-    found = [score for score in scores if score.p * len(scores) < LEVEL and score.merit > 0]
+    improbable = [score for score in scores if score.p * len(scores) < LEVEL and score.merit > 0]
     # by few digits, so that the order of equal candidates is that in which they were scored
-    return sorted(found, key=lambda score: -float(f"{score.merit:.9g}"))
+    return sorted(improbable, key=lambda score: -float(f"{score.merit:.9g}"))
 
 
 def shortlist(scores: Sequence[TermScore], length: int = LENGTH) -> list[CandidateGroup]:
