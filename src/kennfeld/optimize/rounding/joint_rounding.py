@@ -55,5 +55,7 @@ def round_values(lattice: Lattice, matrix: Sparse) -> RoundedNumbers:
     ends = [exchange.improve(start, lattice.centre, SWEEPS) for start in starts]
     ends.sort(key=lambda end: exchange.cost(end - lattice.centre))
     if 0 < lattice.size <= MOST_VALUES:
-        ends.insert(0, improve_small(lattice, pulled.toarray(), ends[0]))
+        best = improve_small(lattice, pulled.toarray(), ends[0])
+        # the same numbers twice would be evaluated twice over the data
+        ends[:0] = [best] if best is not ends[0] else []
     return RoundedNumbers(lattice, nearest, tuple(ends), nearest != lattice.nearest, impossible)
