@@ -383,7 +383,12 @@ def _truths_or_none(source: ArrayLike | None, label: str) -> Bool | None:
 
 
 def pick(data: Dataset, samples: Int) -> Dataset:
-    """Return some samples of a dataset, Int[picked] in rising order; pieces without any of them vanish."""
+    """Return some samples of a dataset, Int[picked] in rising order; pieces without any of them vanish.
+
+    >>> data = Dataset.of("d", {"x": [0.0, 1.0, 2.0, 3.0, 4.0]}, starts=[0, 2, 3])
+    >>> pick(data, np.array([1, 3, 4])).starts
+    array([0, 1])
+    """
     # the start of a piece that vanishes coincides with the next one, or with the end
     starts = np.unique(np.searchsorted(samples, data.starts))
     return replace(

@@ -25,7 +25,14 @@ def ancestors(
 
 
 def ancestors_in_time(graph: Graph, roots: Iterable[int]) -> set[int]:
-    """Return the nodes from which the roots are computed, through states as well, roots included."""
+    r"""Return the nodes from which the roots are computed, through states as well, roots included.
+
+    >>> from kennfeld.models.formula import formula
+    >>> graph = formula("y = prev(w, 0)\nw = u\nother = v").graph
+    >>> nodes = [graph.nodes[at] for at in ancestors_in_time(graph, [graph.names["y"]])]
+    >>> [node.payload for node in nodes if node.op == "input"]
+    ['u']
+    """
     reached: set[int] = set()
     ends = {*roots}
     while ends:
