@@ -121,7 +121,7 @@ class GroupAxisEntry:
 
     @property
     def needs_points(self) -> str:
-        """Why it needs breakpoints of the initial files, in words, if it leaves them to these."""
+        """Reason, in words, for which it needs breakpoints of the initial files, if it leaves them to these."""
         return "breakpoints are free" if self.is_free else "the axis has no breakpoints"
 
     def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
