@@ -1,17 +1,16 @@
 """Rewrites an `.axl` archive or a `.data.amd` file with other numbers and keeps everything else."""
 
 import re
-import zipfile
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from html import escape
-from io import BytesIO
 from typing import Final
 
 import numpy as np
 
 from kennfeld.ascet.amd.data_sets import DataValue
 from kennfeld.ascet.amd.files import ARCHIVE, ENDING, file_name
+from kennfeld.base.archives import with_members
 from kennfeld.base.arrays import Float
 from kennfeld.base.formatting import count_labels, holds_control_characters, join_names
 from kennfeld.calfiles.amd.reader import AmdOrigin, AmdReference, AmdValue
@@ -66,14 +65,7 @@ def _replaced(raw: bytes, changed: Mapping[str, bytes]) -> bytes:
         return raw
     if not raw.startswith(_ZIP):
         return next(iter(changed.values()))
-    result = BytesIO()
-    with zipfile.ZipFile(BytesIO(raw)) as before, zipfile.ZipFile(result, "w") as after:
-        after.comment = before.comment
-        for member in before.infolist():
-            content = changed.get(member.filename)
-            # the entry keeps the date and the attributes of the member
-            after.writestr(member, before.read(member) if content is None else content, member.compress_type)
-    return result.getvalue()
+    return with_members(raw, changed)
 
 
 class _AmdUpdate:

@@ -13,6 +13,7 @@ from xml.parsers.expat import ParserCreate
 
 import numpy as np
 
+from kennfeld.base.archives import with_members
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import Findings, InputError, Location
 from kennfeld.base.formatting import join_names, size_text
@@ -20,7 +21,8 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.format import WriteResult
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import AXIS_LETTERS, Parameter
-from kennfeld.importers.simulink.variables.data_dictionary import read_dictionary
+from kennfeld.importers.simulink.reader.model_package import is_zip
+from kennfeld.importers.simulink.variables.data_dictionary import is_chunk, read_dictionary
 from kennfeld.matlab.values import INTEGERS
 
 _TAG_END = re.compile(rb"""<(?:[^>"']|"[^"]*"|'[^']*')*>""")
@@ -59,31 +61,22 @@ def update_dictionary(parameters: ParameterSet, path: Path) -> WriteResult:
     read_dictionary(path, follow=False)  # refuses what is not one
     raw, findings = path.read_bytes(), Findings()
     location = Location(path.name)
-    if not zipfile.is_zipfile(io.BytesIO(raw)):
+    if not is_zip(raw):
         message = "is a data dictionary in the text format, into which values are not written"
         raise InputError.of(location, message, 'Save it with FileFormat = "compressed-binary".')
     with zipfile.ZipFile(io.BytesIO(raw)) as archive:
-        members = {info: archive.read(info) for info in archive.infolist()}
+        chunks = {name: archive.read(name) for name in archive.namelist() if is_chunk(name.lstrip("/"))}
     known: set[str] = set()
-    for info, content in members.items():
-        if info.filename.lstrip("/").startswith("data/chunk") and info.filename.endswith(".xml"):
-            entries = _entries(content)
-            known |= entries.keys()
-            members[info] = _updated(content, entries, parameters, location, findings)
+    for name, content in chunks.items():
+        entries = _entries(content)
+        known |= entries.keys()
+        chunks[name] = _updated(content, entries, parameters, location, findings)
     missing = [name for name in parameters if name not in known]
     if missing and len(missing) == len(parameters):
         findings.error(location, "has none of the parameters", "Check the names; literals are in the model.")
     elif missing:
         findings.warning(location, f"has no entry {join_names(missing)}", "Change them in the model.")
-    return WriteResult(_packed(members), findings.finish())
-
-
-def _packed(members: Mapping[zipfile.ZipInfo, bytes]) -> bytes:
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w") as archive:
-        for info, content in members.items():
-            archive.writestr(info, content, compress_type=info.compress_type)
-    return buffer.getvalue()
+    return WriteResult(with_members(raw, chunks), findings.finish())
 
 
 def _entries(content: bytes) -> dict[str, _EntryNumbers]:
