@@ -5,7 +5,7 @@ from io import BytesIO
 
 import pytest
 
-from kennfeld.base.archives import find_oversized, most_unpacked
+from kennfeld.base.archives import find_oversized, most_unpacked, with_members
 from kennfeld.base.errors import InputError
 from kennfeld.files.limited_stream import limited
 
@@ -81,3 +81,15 @@ def test_a_stream_ends_in_a_finding_at_its_limit(monkeypatch):
     beyond = limited(BytesIO(bytes(most + 1)), "drive.csv.gz", 1000)
     with pytest.raises(InputError, match=r"^drive\.csv\.gz: its 0\.001 MB unpack to more than 0 MB, 101 times"), beyond:
         beyond.read()
+
+
+def test_a_copy_with_other_contents_of_a_member_keeps_all_else():
+    raw = BytesIO()
+    with zipfile.ZipFile(raw, "w") as archive:
+        archive.comment = b"of a tool"
+        for name, method in (("a", zipfile.ZIP_STORED), ("b", zipfile.ZIP_DEFLATED)):
+            archive.writestr(zipfile.ZipInfo(name, (2001, 2, 3, 4, 5, 6)), f"old {name}", method)
+    with zipfile.ZipFile(BytesIO(with_members(raw.getvalue(), {"b": b"new"}))) as archive:
+        assert (archive.read("a"), archive.read("b"), archive.comment) == (b"old a", b"new", b"of a tool")
+        methods = [(member.compress_type, member.date_time[0]) for member in archive.infolist()]
+    assert methods == [(zipfile.ZIP_STORED, 2001), (zipfile.ZIP_DEFLATED, 2001)]

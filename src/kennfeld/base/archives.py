@@ -1,10 +1,13 @@
-"""Protection against files that unpack, or claim to unpack, to far more than their size: one rule for all of them."""
+"""Copies of archives with other contents, and protection against those that unpack to far more than their size.
+
+One rule decides for all formats which files unpack, or claim to unpack, to too much.
+"""
 
 import io
 import re
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from kennfeld.base.process_limits import memory_bound
 
@@ -81,6 +84,18 @@ def _real_size(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
         except zlib.error:
             break  # damaged; reported by the reader
     return size
+
+
+def with_members(raw: bytes, contents: Mapping[str, bytes]) -> bytes:
+    """Return an archive with other contents of some members, by name; all others stay as they are."""
+    result = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(raw)) as before, zipfile.ZipFile(result, "w") as after:
+        after.comment = before.comment
+        for member in before.infolist():
+            content = contents.get(member.filename)
+            # the entry keeps the date and the attributes of the member
+            after.writestr(member, before.read(member) if content is None else content, member.compress_type)
+    return result.getvalue()
 
 
 def iterate_chunks(archive: zipfile.ZipFile, member: str | zipfile.ZipInfo, overlap: int) -> Iterator[bytes]:

@@ -1,9 +1,10 @@
 """Numbers, breakpoints, sizes and repeated definitions in files, as several formats treat them."""
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field
 from math import nan
+from typing import AnyStr
 
 import numpy as np
 
@@ -136,3 +137,18 @@ def replace_numbers(text: str, before: Float, now: Float, write: Callable[[float
         return match[0] if old == new else write(new, match[0])
 
     return re.sub(r"\S+", replace, text)
+
+
+def replace_spans(text: AnyStr, spans: Mapping[tuple[int, int], AnyStr]) -> AnyStr:
+    """Replace parts of a text, by begin and end.
+
+    >>> replace_spans("K = 1, L = 2", {(11, 12): "30", (4, 5): "-1"})
+    'K = -1, L = 30'
+    """
+    pieces: list[AnyStr] = []
+    done = 0
+    for (begin, end), new in sorted(spans.items()):
+        pieces += [text[done:begin], new]
+        done = end
+    pieces.append(text[done:])
+    return text[:0].join(pieces)

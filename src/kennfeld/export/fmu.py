@@ -13,7 +13,7 @@ from uuid import UUID
 import numpy as np
 
 from kennfeld.base.errors import Findings, InputError, Location
-from kennfeld.base.fmi_platform import LIBRARY_SUFFIX, SUFFIXES, platform_folder, platform_tuple
+from kennfeld.base.fmi_platform import SUFFIXES, platform_folder, platform_tuple
 from kennfeld.base.formatting import holds_control_characters, join_names
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.export.c_code import write_c
@@ -88,8 +88,7 @@ def write_fmu(
     members |= {f"sources/{name}": text for name, text in sources.items()}
     for platform, library in _libraries(function.name, sources, settings.platforms, location, findings):
         folder = platform_folder(f"{settings.version}.0", platform)
-        suffix = SUFFIXES.get(platform.partition("-")[2], LIBRARY_SUFFIX)
-        members[f"binaries/{folder}/{function.name}{suffix}"] = library
+        members[f"binaries/{folder}/{_library_name(function.name, platform)}"] = library
     return {f"{function.name}.fmu": _archive(members)}
 
 
@@ -177,22 +176,25 @@ def _libraries(
     own, host = platform_tuple(), HostCompiler.find()
     others = [platform for platform in platforms if platform != own or host is None]
     if host is not None:
-        yield own, _library(host, name, sources, LIBRARY_SUFFIX)
+        yield own, _library(host, _library_name(name, own), sources)
     elif own not in platforms:
         has = "sources only" if not others else "no library for this machine"
         message = f"the FMU has {has}, as this machine has no C compiler"
         findings.warning(location, message, "Install gcc or clang, or set CC, and export again; or compile sources/.")
     for platform in others:
-        suffix = SUFFIXES[platform.partition("-")[2]]
-        yield platform, _library(CrossCompiler.of(platform), name, sources, suffix)
+        yield platform, _library(CrossCompiler.of(platform), _library_name(name, platform), sources)
 
 
-def _library(compiler: HostCompiler, name: str, sources: Mapping[str, str], suffix: str) -> bytes:
+def _library_name(name: str, platform: str) -> str:
+    return name + SUFFIXES[platform.partition("-")[2]]
+
+
+def _library(compiler: HostCompiler, library: str, sources: Mapping[str, str]) -> bytes:
     with TemporaryDirectory(prefix="kennfeld-", ignore_cleanup_errors=True) as temporary:
         folder = Path(temporary)
         for file, text in sources.items():
             (folder / file).write_text(text, encoding="utf-8")
-        target = folder / f"{name}{suffix}"
+        target = folder / library
         compiler.shared_library([folder / file for file in sorted(sources) if file.endswith(".c")], target, FLAGS)
         return target.read_bytes()
 

@@ -45,7 +45,7 @@ def _stored(parameter: ParameterValues, rounding: StorageRounding) -> tuple[Pack
             count = count_noun(int(off.sum()), "value")
             return None, f"{count} between two steps of {grid.step:g}, such as {float(values[off][0]):g}"
         return _whole(grid, values)
-    if floating is not None and floating.single and floating == FloatStorage(single=True):
+    if floating is not None and floating == FloatStorage(single=True):
         if np.array_equal(floating.nearest(values), values):
             return PackedNumbers("float", values, (1.0, 0.0, 1.0)), ""
         return None, "values are not rounded to single precision"

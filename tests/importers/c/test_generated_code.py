@@ -1,6 +1,5 @@
 """Structs of generated and of hand-written C code, compared with compiled functions by `scripts/c_functions.py`."""
 
-import shutil
 import sys
 
 import numpy as np
@@ -11,12 +10,11 @@ from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.models.function_files import read_function_file
 from kennfeld.models.model_function import as_model
+from tests.importers.c.compiled import needs_compiler
 
 pytest.importorskip("pycparser")
 
 import c_functions  # of `scripts`
-
-COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 
 GENERATED = """
     #include "rtwtypes.h"
@@ -98,7 +96,7 @@ def _names(ports):
     return [port.name for port in ports]
 
 
-@pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
+@needs_compiler
 @pytest.mark.slow
 def test_structs_are_computed_as_the_compiler_computes_them(tmp_path, monkeypatch, capsys):
     for name, text in {"generated": GENERATED, "pointers": POINTERS, "controller": CONTROLLER}.items():

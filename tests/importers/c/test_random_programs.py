@@ -1,8 +1,6 @@
 """Random functions in C with floats of single precision, against the same functions compiled, and as formula text."""
 
 import ctypes
-import shutil
-import subprocess
 
 import numpy as np
 import pytest
@@ -14,9 +12,9 @@ from kennfeld.models.function_files import read_function_file
 from kennfeld.models.importer import ImportOptions
 from kennfeld.models.model_function import as_model
 from tests.draws import mostly_slow
+from tests.importers.c.compiled import compiled_step, needs_compiler
 from tests.importers.c.random_programs import Program
 
-COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 pytest.importorskip("pycparser")
 RNG = np.random.default_rng(0)
 U, V, N = RNG.normal(0, 3, 25).astype(np.float32), RNG.normal(0, 3, 25), RNG.integers(-4, 20, 25)
@@ -24,14 +22,11 @@ COLUMNS = {"u": U.astype(float), "v": V, "n": N.astype(float)}
 
 
 def compiled(folder):
-    options = ["-O1", "-fwrapv", "-ffp-contract=off", "-w", "-shared", "-fPIC"]
-    subprocess.run([COMPILER, *options, "-o", str(folder / "f.so"), str(folder / "f.c"), "-lm"], check=True)
-    step = ctypes.CDLL(str(folder / "f.so")).step
-    step.restype, step.argtypes = ctypes.c_double, [ctypes.c_float, ctypes.c_double, ctypes.c_int]
+    step = compiled_step(folder / "f.c", ctypes.c_double, ctypes.c_float, ctypes.c_double, ctypes.c_int)
     return np.array([step(*sample) for sample in zip(U.tolist(), V.tolist(), N.tolist(), strict=True)])
 
 
-@pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
+@needs_compiler
 @pytest.mark.parametrize("seed", mostly_slow(range(250), 3))
 def test_a_program_of_floats_computes_what_the_compiler_makes_of_it(seed, tmp_path):
     (tmp_path / "f.c").write_text(Program(seed).text)

@@ -1,8 +1,6 @@
 """C functions as the processor of an ECU computes them: floats of single precision, and `long` of 32 bits."""
 
 import ctypes
-import shutil
-import subprocess
 
 import numpy as np
 import pytest
@@ -14,8 +12,8 @@ from kennfeld.models.function_files import read_function_file
 from kennfeld.models.importer import ImportOptions
 from kennfeld.models.model_function import as_model
 from kennfeld.project.schema import read_project
+from tests.importers.c.compiled import compiled_step, needs_compiler
 
-COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 pytest.importorskip("pycparser")
 
 FLOATS = """
@@ -39,13 +37,11 @@ def _values(file, folder, columns, **options):
     return evaluate(as_model(function).graph, columns, ParameterSet()), function
 
 
-@pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
+@needs_compiler
 def test_floats_are_rounded_as_the_compiler_rounds_them(tmp_path):
     (tmp_path / "f.c").write_text(FLOATS)
-    options = ["-O1", "-ffp-contract=off", "-shared", "-fPIC", "-w"]
-    subprocess.run([COMPILER, *options, "-o", str(tmp_path / "f.so"), str(tmp_path / "f.c"), "-lm"], check=True)
-    step, y = ctypes.CDLL(str(tmp_path / "f.so")).step, ctypes.c_double()
-    step.restype, step.argtypes = ctypes.c_float, [ctypes.c_float, ctypes.c_int, ctypes.POINTER(ctypes.c_double)]
+    output, y = ctypes.POINTER(ctypes.c_double), ctypes.c_double()
+    step = compiled_step(tmp_path / "f.c", ctypes.c_float, ctypes.c_float, ctypes.c_int, output)
     rng = np.random.default_rng(0)
     u, n = rng.normal(0, 3, 100), rng.integers(-4, 9, 100)
     expected = np.array([(step(a, b, ctypes.byref(y)), y.value) for a, b in zip(u.tolist(), n.tolist(), strict=True)])

@@ -1,8 +1,6 @@
 """C functions as graphs, compared with the same functions compiled by the C compiler of the system."""
 
 import ctypes
-import shutil
-import subprocess
 
 import numpy as np
 import pytest
@@ -12,8 +10,8 @@ from kennfeld.graph.interpreter import evaluate
 from kennfeld.models.function_files import read_function_file
 from kennfeld.models.model_function import as_model
 from tests.draws import mostly_slow
+from tests.importers.c.compiled import compiled_step, needs_compiler
 
-COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 pytest.importorskip("pycparser")
 
 LONG = {"break and return", "turns"}  # programs of which every pass of a loop has several ends
@@ -240,19 +238,17 @@ PROGRAMS = {
 
 
 def _reference(source, folder, u, n):
-    file, library = folder / "program.c", folder / "program.so"
+    file = folder / "program.c"
     file.write_text(source)
-    options = ["-O1", "-fwrapv", "-ffp-contract=off", "-w", "-shared", "-fPIC", "-D_GNU_SOURCE"]
-    subprocess.run([COMPILER, *options, "-o", str(library), str(file), "-lm"], check=True)
-    step = ctypes.CDLL(str(library)).step
-    step.restype, step.argtypes = ctypes.c_double, [ctypes.c_double, ctypes.c_int, ctypes.POINTER(ctypes.c_double)]
+    output = ctypes.POINTER(ctypes.c_double)
+    step = compiled_step(file, ctypes.c_double, ctypes.c_double, ctypes.c_int, output)
     y, rows = ctypes.c_double(), []
     for a, b in zip(u.tolist(), n.astype(int).tolist(), strict=True):
         rows.append((step(a, b, ctypes.byref(y)), y.value))
     return np.array(rows).T
 
 
-@pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
+@needs_compiler
 @pytest.mark.parametrize("program", mostly_slow(PROGRAMS, PROGRAMS.keys() - LONG))
 def test_it_computes_what_the_compiler_makes_of_it(program, tmp_path):
     rng = np.random.default_rng(3)

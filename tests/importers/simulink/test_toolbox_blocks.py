@@ -88,10 +88,10 @@ def test_a_sample_is_held_until_the_next_event(trigger, rises, falls, tmp_path):
     drawn.line("B", "y")
     values = run(imported(drawn, tmp_path), {"u": U, "v": V})["y"]
     rising, falling = crossings(V)
-    held, expected = 4.0, []
+    sample, expected = 4.0, []
     for k, u in enumerate(U):
-        held = u if (rises and rising[k]) or (falls and falling[k]) else held
-        expected.append(held)
+        sample = u if (rises and rising[k]) or (falls and falling[k]) else sample
+        expected.append(sample)
     np.testing.assert_array_equal(values, expected)
 
 

@@ -1,21 +1,20 @@
 """Rewrites an `.axl` archive or a `.data.amd` file with other numbers and keeps everything else."""
 
 import re
-import zipfile
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from html import escape
-from io import BytesIO
 from typing import Final
 
 import numpy as np
 
 from kennfeld.ascet.amd.data_sets import DataValue
 from kennfeld.ascet.amd.files import ARCHIVE, ENDING, file_name
+from kennfeld.base.archives import with_members
 from kennfeld.base.arrays import Float
 from kennfeld.base.formatting import count_labels, holds_control_characters, join_names
 from kennfeld.calfiles.amd.reader import AmdOrigin, AmdReference, AmdValue
-from kennfeld.calfiles.content import in_stored_order
+from kennfeld.calfiles.content import in_stored_order, replace_spans
 from kennfeld.calfiles.format import FileFindings, Item, WriteResult
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter, Text
@@ -66,32 +65,18 @@ def _replaced(raw: bytes, changed: Mapping[str, bytes]) -> bytes:
         return raw
     if not raw.startswith(_ZIP):
         return next(iter(changed.values()))
-    result = BytesIO()
-    with zipfile.ZipFile(BytesIO(raw)) as before, zipfile.ZipFile(result, "w") as after:
-        after.comment = before.comment
-        for member in before.infolist():
-            content = changed.get(member.filename)
-            # the entry keeps the date and the attributes of the member
-            after.writestr(member, before.read(member) if content is None else content, member.compress_type)
-    return result.getvalue()
+    return with_members(raw, changed)
 
 
 class _AmdUpdate:
     def __init__(self, origin: AmdOrigin, findings: FileFindings) -> None:
         self.origin, self.findings = origin, findings
-        self.changes: dict[str, dict[int, tuple[int, bytes]]] = defaultdict(dict)  # by path and begin: end and text
+        self.changes: dict[str, dict[tuple[int, int], bytes]] = defaultdict(dict)  # by path, then begin and end
         self.others: list[str] = []
 
     def contents(self) -> dict[str, bytes]:
         """Return the files that changed."""
-        result = {}
-        for path, changes in self.changes.items():
-            raw, pieces, done = self.origin.contents[path], [], 0
-            for begin, (end, text) in sorted(changes.items()):
-                pieces += [raw[done:begin], text]
-                done = end
-            result[path] = b"".join([*pieces, raw[done:]])
-        return result
+        return {path: replace_spans(self.origin.contents[path], changes) for path, changes in self.changes.items()}
 
     def take(self, item: Item) -> None:
         """Take the values of a parameter or text."""
@@ -149,7 +134,7 @@ class _AmdUpdate:
             return
         begin, end = match.span(1)
         # without the quotes
-        self.changes[value.path][begin + 1] = end - 1, text.encode("utf-8")
+        self.changes[value.path][begin + 1, end - 1] = text.encode("utf-8")
 
 
 def _format_like(number: float, known: DataValue) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 from kennfeld.ascet import syntax as e
 from kennfeld.base.arrays import Float
 from kennfeld.base.formatting import count_labels
-from kennfeld.calfiles.content import in_stored_order, turn
+from kennfeld.calfiles.content import in_stored_order, replace_spans, turn
 from kennfeld.calfiles.esdl.reader import EsdlOrigin, EsdlValue, Number
 from kennfeld.calfiles.format import FileFindings, WriteResult
 from kennfeld.domain.parameter_set import ParameterSet
@@ -47,11 +47,7 @@ class _EsdlUpdate:
         self.others: list[str] = []
 
     def text(self) -> str:
-        pieces, done = [], 0
-        for (begin, end), number in sorted(self.changes.items()):
-            pieces += [self.origin.text[done:begin], number]
-            done = end
-        return "".join([*pieces, self.origin.text[done:]])
+        return replace_spans(self.origin.text, self.changes)
 
     def take(self, member: Parameter) -> None:
         """Take the numbers of a parameter."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from kennfeld.base.arrays import Float
 from kennfeld.base.formatting import count_labels, count_noun, holds_control_characters
-from kennfeld.calfiles.content import in_stored_order, replace_numbers, turn
+from kennfeld.calfiles.content import in_stored_order, replace_numbers, replace_spans, turn
 from kennfeld.calfiles.format import FileFindings, Item, WriteResult
 from kennfeld.calfiles.msq.reader import Msq, TuneConstant
 from kennfeld.domain.parameter_set import ParameterSet
@@ -48,12 +48,11 @@ class _MsqUpdate:
         self.units: list[str] = []  # labels in another unit than in the tune
 
     def text(self) -> str:
-        pieces, done = [], 0
-        for name, constant in self.tune.constants.items():
-            if name in self.contents:
-                pieces += [self.tune.text[done : constant.begin], self.contents[name]]
-                done = constant.begin + len(constant.content)
-        return "".join([*pieces, self.tune.text[done:]])
+        spans = {}
+        for name, content in self.contents.items():
+            constant = self.tune.constants[name]
+            spans[constant.begin, constant.begin + len(constant.content)] = content
+        return replace_spans(self.tune.text, spans)
 
     def take(self, item: Item) -> None:
         before = self.tune.items.get(item.name)

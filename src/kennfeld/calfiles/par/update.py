@@ -10,7 +10,7 @@ import numpy as np
 
 from kennfeld.base.arrays import Float
 from kennfeld.base.formatting import count_labels
-from kennfeld.calfiles.content import in_stored_order
+from kennfeld.calfiles.content import in_stored_order, replace_spans
 from kennfeld.calfiles.format import FileFindings, WriteResult
 from kennfeld.calfiles.par.conversions import StoredQuantity, physical, stored
 from kennfeld.calfiles.par.lines import AXES, ParLabel, ParNumber, displayed_value, is_hexadecimal
@@ -57,11 +57,8 @@ class _ParUpdate:
         self.rounding: dict[str, float] = {}
 
     def text(self) -> str:
-        pieces, done = [], 0
-        for begin, (length, word) in sorted(self.changes.items()):
-            pieces += [self.par.text[done:begin], word]
-            done = begin + length
-        return "".join([*pieces, self.par.text[done:]])
+        spans = {(begin, begin + length): word for begin, (length, word) in self.changes.items()}
+        return replace_spans(self.par.text, spans)
 
     def report(self) -> None:
         """Warn about labels that were left out and numbers that were rounded to integers."""

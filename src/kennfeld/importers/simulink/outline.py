@@ -8,10 +8,6 @@ from typing import Any
 
 from kennfeld.base.errors import Finding, InputError
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.importers.simulink import blocks  # noqa: F401  # registers the types that links may have
-from kennfeld.importers.simulink.flattening.flatten import linked_type
-from kennfeld.importers.simulink.lowering import BLOCK_TYPES
-from kennfeld.importers.simulink.lowering.registry import maskable_types
 from kennfeld.importers.simulink.reader.block_ports import port_number
 from kennfeld.importers.simulink.reader.document import read_document
 from kennfeld.importers.simulink.reader.library_links import LibraryResolver, ResolvedModel, is_of_simulink
@@ -177,8 +173,17 @@ def _file_of(source: str, kind: str, resolved: ResolvedModel) -> str:
     name = source if alone else source.partition("/")[0]
     if name in resolved.files and source not in resolved.missing:
         return resolved.files[name].name
-    known = None if alone else BLOCK_TYPES.get(linked_type(LibraryLink(source, kind, {}), maskable_types()))
-    return _BUILT_IN if known is not None and not known.refused else _MISSING
+    return _BUILT_IN if not alone and _is_built_in(LibraryLink(source, kind, {})) else _MISSING
+
+
+def _is_built_in(link: LibraryLink) -> bool:
+    """Return True if the meaning of a block is known although its library is not at hand."""
+    from kennfeld.importers.simulink import blocks  # noqa: F401  # all block types
+    from kennfeld.importers.simulink.flattening.flatten import linked_type
+    from kennfeld.importers.simulink.lowering.registry import BLOCK_TYPES, maskable_types
+
+    known = BLOCK_TYPES.get(linked_type(link, maskable_types()))
+    return known is not None and not known.refused
 
 
 def _sources(document: ModelDocument, dictionaries: Iterable[DataSource]) -> Iterator[DataSource]:

@@ -33,11 +33,11 @@ def without_rest(builder: GraphBuilder, rest: Nodes, a: Nodes, b: Nodes) -> Node
 
     MATLAB and generated code agree in this: `mod(0.3, 0.1)` is 0, although the doubles give a quotient below 3.
     """
+    rest = rounded(builder, rest)
     values = [builder.value(int(node)) for node in b.ravel()]
     if all(value is not None and (not math.isfinite(value) or value == math.floor(value)) for value in values):
-        return rounded(builder, rest)
+        return rest
     apply = Elementwise(builder)
-    rest = rounded(builder, rest)
     ratio = apply("abs", apply("div", a, b))
     distance = apply("abs", apply("sub", ratio, apply("floor", apply("add", ratio, 0.5))))
     is_near = apply("le", distance, apply("mul", builder.resolution, ratio))

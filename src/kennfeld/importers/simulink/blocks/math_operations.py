@@ -194,10 +194,9 @@ def math(block: BlockContext) -> SignalOrBus:
 def _remainder(block: BlockContext, operator: str, u: Signal, v: Signal) -> Signal:
     """Compute u - v floor(u / v), or with "rem" u - v fix(u / v); u if v is 0."""
     builder, nodes = block.builder, (u.nodes, v.nodes)
-    if operator == "mod":
-        rest = without_rest(builder, elementwise(builder, "mod", *nodes), *nodes)
-    else:
-        rest = without_rest(builder, plain_remainder(builder, *nodes), *nodes)
+    plain = elementwise(builder, "mod", *nodes) if operator == "mod" else plain_remainder(builder, *nodes)
+    rest = without_rest(builder, plain, *nodes)
+    if operator == "rem":
         rest = elementwise(builder, "select", elementwise(builder, "eq", v.nodes, 0.0), u.nodes, rest)
     return block.signal(rest, period_of((u, v)))
 

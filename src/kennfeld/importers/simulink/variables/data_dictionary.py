@@ -271,10 +271,15 @@ def _read_file(path: Path) -> Dictionary:
     return _dictionary(path, roots)
 
 
+def is_chunk(name: str) -> bool:
+    """Return True if a member of the archive of a dictionary, without leading slash, holds entries."""
+    return name.startswith("data/chunk") and name.endswith(".xml")
+
+
 def _packed(raw: bytes, diagnostics: ReadDiagnostics) -> list[SectionNode]:
     """Return the chunks of a zip archive; errors are recorded."""
     package = zip_package(raw, diagnostics)
-    chunks = sorted(name for name in package.names() if name.startswith("data/chunk") and name.endswith(".xml"))
+    chunks = sorted(filter(is_chunk, package.names()))
     if not chunks and not diagnostics.errors:
         diagnostics.error("", "is not a data dictionary: part data/chunk0.xml is missing", _EXTENSION_REMEDY)
     read = [package.section(name, fold=False) for name in chunks]

@@ -6,25 +6,33 @@ object has its breakpoints in variables of their own, which the group axes of a 
 
 import io
 import re
+import sys
 import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from xml.parsers.expat import ParserCreate
 
 import numpy as np
 
+from kennfeld.base.archives import with_members
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import Findings, InputError, Location
 from kennfeld.base.formatting import join_names, size_text
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.xml_document import XmlElement, XmlLimits, parse_xml
+from kennfeld.calfiles.content import replace_spans
 from kennfeld.calfiles.format import WriteResult
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import AXIS_LETTERS, Parameter
-from kennfeld.importers.simulink.variables.data_dictionary import read_dictionary
+from kennfeld.importers.simulink.reader.model_package import is_zip
+from kennfeld.importers.simulink.reader.section_tree import MAX_DEPTH, MAX_SECTIONS
+from kennfeld.importers.simulink.variables.data_dictionary import is_chunk, read_dictionary
 from kennfeld.matlab.values import INTEGERS
 
-_TAG_END = re.compile(rb"""<(?:[^>"']|"[^"]*"|'[^']*')*>""")
+_TAG = re.compile(rb"""<(?:[^>"']|"[^"]*"|'[^']*')*>""")
 _REAL = ("double", "single")
+_NUMBERS = (*_REAL, "logical", "boolean", *INTEGERS)
+# the sizes of the chunks have been checked when the dictionary was read
+_LIMITS = XmlLimits(sys.maxsize, MAX_DEPTH, MAX_SECTIONS, MAX_SECTIONS)
 
 
 @dataclass(frozen=True)
@@ -38,7 +46,7 @@ class _NumberSpan:
     encoded: bool
 
 
-@dataclass
+@dataclass(frozen=True)
 class _EntryNumbers:
     """The numbers of one entry: its values, and its breakpoints by axis."""
 
@@ -59,89 +67,57 @@ def update_dictionary(parameters: ParameterSet, path: Path) -> WriteResult:
     read_dictionary(path, follow=False)  # refuses what is not one
     raw, findings = path.read_bytes(), Findings()
     location = Location(path.name)
-    if not zipfile.is_zipfile(io.BytesIO(raw)):
+    if not is_zip(raw):
         message = "is a data dictionary in the text format, into which values are not written"
         raise InputError.of(location, message, 'Save it with FileFormat = "compressed-binary".')
     with zipfile.ZipFile(io.BytesIO(raw)) as archive:
-        members = {info: archive.read(info) for info in archive.infolist()}
+        chunks = {name: archive.read(name) for name in archive.namelist() if is_chunk(name.lstrip("/"))}
     known: set[str] = set()
-    for info, content in members.items():
-        if info.filename.lstrip("/").startswith("data/chunk") and info.filename.endswith(".xml"):
-            entries = _entries(content)
-            known |= entries.keys()
-            members[info] = _updated(content, entries, parameters, location, findings)
+    for name, content in chunks.items():
+        entries = _entries(content, f"{path.name} {name}")
+        known |= entries.keys()
+        chunks[name] = _updated(content, entries, parameters, location, findings)
     missing = [name for name in parameters if name not in known]
     if missing and len(missing) == len(parameters):
         findings.error(location, "has none of the parameters", "Check the names; literals are in the model.")
     elif missing:
         findings.warning(location, f"has no entry {join_names(missing)}", "Change them in the model.")
-    return WriteResult(_packed(members), findings.finish())
+    return WriteResult(with_members(raw, chunks), findings.finish())
 
 
-def _packed(members: Mapping[zipfile.ZipInfo, bytes]) -> bytes:
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w") as archive:
-        for info, content in members.items():
-            archive.writestr(info, content, compress_type=info.compress_type)
-    return buffer.getvalue()
-
-
-def _entries(content: bytes) -> dict[str, _EntryNumbers]:
+def _entries(content: bytes, file: str) -> dict[str, _EntryNumbers]:
     """Return the entries of a chunk by name."""
-    finder = _Finder(content)
-    return finder.entries
+    entries = {}
+    for entry in parse_xml(content, file, _LIMITS).all("Object"):
+        name = next((part.text.strip() for part in entry.all("P") if part.get("Name") == "Name"), "")
+        if entry.get("Class") == "DD.ENTRY" and name:
+            entries[name] = _entry(content, entry)
+    return entries
 
 
-class _Finder:
-    """Finds the numbers of all entries in the text of a chunk."""
-
-    def __init__(self, content: bytes) -> None:
-        self._content = content
-        self._parser = ParserCreate()
-        self._path: list[str] = []  # names of the open properties of an entry
-        self._open: list[tuple[dict[str, str], int]] = []  # attributes and begin of the content
-        self._name, self._word = "", ""
-        self._found: list[tuple[tuple[str, ...], _NumberSpan]] = []
-        self.entries: dict[str, _EntryNumbers] = {}
-        self._parser.StartElementHandler, self._parser.EndElementHandler = self._start, self._end
-        self._parser.CharacterDataHandler = self._text
-        self._parser.Parse(content, True)
-
-    def _start(self, tag: str, attributes: dict[str, str]) -> None:
-        if tag == "Object":
-            self._name, self._found = "", []
-        match = _TAG_END.match(self._content, self._parser.CurrentByteIndex)
-        self._open.append((attributes, match.end() if match else -1))
-        self._path.append(attributes.get("Name", "") if tag == "P" else "")
-        self._word = ""
-
-    def _text(self, text: str) -> None:
-        self._word += text
-
-    def _end(self, tag: str) -> None:
-        (attributes, begin), end = self._open.pop(), self._parser.CurrentByteIndex
-        path = tuple(filter(None, self._path))
-        self._path.pop()
-        kind = attributes.get("Class", "")
-        if path == ("Name",):
-            self._name = self._word.strip()
-        elif tag == "P" and begin <= end and kind in (*_REAL, "logical", "boolean", *INTEGERS):
-            numbers = _NumberSpan(begin, end, kind, _shape(attributes, self._word), bool(attributes.get("Encoding")))
-            self._found.append((path, numbers))
-        if tag == "Object" and attributes.get("Class") == "DD.ENTRY" and self._name:
-            self.entries[self._name] = self._entry()
-        self._word = ""
-
-    def _entry(self) -> _EntryNumbers:
-        own = [(path, numbers) for path, numbers in self._found if path[0] == "Value" and path[-1] == "Value"]
-        axes = tuple(numbers for path, numbers in own if "Breakpoints" in path)
-        values = [numbers for path, numbers in own if "Breakpoints" not in path]
-        # a breakpoint object has no other numbers
-        first = values[0] if values else axes[0] if len(axes) == 1 else None
-        return _EntryNumbers(first, axes if values else ())
+def _entry(content: bytes, entry: XmlElement) -> _EntryNumbers:
+    own = [(path, numbers) for path, numbers in _spans(content, entry) if path[0] == "Value" and path[-1] == "Value"]
+    axes = tuple(numbers for path, numbers in own if "Breakpoints" in path)
+    values = [numbers for path, numbers in own if "Breakpoints" not in path]
+    # a breakpoint object has no other numbers
+    first = values[0] if values else axes[0] if len(axes) == 1 else None
+    return _EntryNumbers(first, axes if values else ())
 
 
-def _shape(attributes: Mapping[str, str], text: str) -> tuple[int, ...]:
+def _spans(
+    content: bytes, element: XmlElement, outer: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], _NumberSpan]]:
+    """Yield the numbers within an element, each with the names of the properties around it."""
+    for part in element.children:
+        path = (*outer, part.get("Name")) if part.tag == "P" and part.get("Name") else outer
+        if part.tag == "P" and part.get("Class") in _NUMBERS and (tag := _TAG.match(content, part.begin)):
+            end = content.index(b"<", tag.end())
+            shape = _shape(part.attributes, content[tag.end() : end])
+            yield path, _NumberSpan(tag.end(), end, part.get("Class"), shape, bool(part.get("Encoding")))
+        yield from _spans(content, part, path)
+
+
+def _shape(attributes: Mapping[str, str], text: bytes) -> tuple[int, ...]:
     if "Dimension" in attributes:
         return tuple(int(n) for n in attributes["Dimension"].split("*"))
     return (1, len(text.split()))
@@ -155,16 +131,14 @@ def _updated(
     findings: Findings,
 ) -> bytes:
     """Return a chunk with other numbers."""
-    changes: dict[_NumberSpan, bytes] = {}
+    changes: dict[tuple[int, int], bytes] = {}
     for name, parameter in parameters.items():
         if name in entries:
-            for numbers, values, what in _places(parameter, entries, location, findings):
-                text = _text_of(numbers, values, what, location, findings)
+            for numbers, values, label in _places(parameter, entries, location, findings):
+                text = _text_of(numbers, values, label, location, findings)
                 if text is not None:
-                    changes[numbers] = text
-    for numbers in sorted(changes, key=lambda each: each.begin, reverse=True):
-        content = content[: numbers.begin] + changes[numbers] + content[numbers.end :]
-    return content
+                    changes[numbers.begin, numbers.end] = text
+    return replace_spans(content, changes)
 
 
 def _places(
@@ -187,14 +161,14 @@ def _places(
             findings.remark(location, f"{message}: no entry is known to hold them")
 
 
-def _text_of(numbers: _NumberSpan, values: Float, what: str, location: Location, findings: Findings) -> bytes | None:
+def _text_of(numbers: _NumberSpan, values: Float, label: str, location: Location, findings: Findings) -> bytes | None:
     """Return values as the text of a property, by columns; None, with a finding, if it cannot hold them."""
     if numbers.encoded:
-        findings.error(location, f"{what} is stored as bytes, into which values are not written", "Enter it by hand.")
+        findings.error(location, f"{label} is stored as bytes, into which values are not written", "Enter it by hand.")
         return None
     own, new = ([n for n in shape if n != 1] for shape in (numbers.shape, values.shape))
     if own != new:
-        message = f"{what} has the size {size_text(numbers.shape)}, the new values {size_text(values.shape)}"
+        message = f"{label} has the size {size_text(numbers.shape)}, the new values {size_text(values.shape)}"
         findings.error(location, message, "Change the size in the dictionary.")
         return None
     flat = np.ravel(values, order="F")
@@ -205,7 +179,7 @@ def _text_of(numbers: _NumberSpan, values: Float, what: str, location: Location,
     if not np.array_equal(np.rint(flat), flat):
         at = float(flat[np.rint(flat) != flat][0])
         findings.error(
-            location, f"{what} is of the class {numbers.kind}, which cannot hold {at:g}", "Round the values."
+            location, f"{label} is of the class {numbers.kind}, which cannot hold {at:g}", "Round the values."
         )
         return None
     return " ".join(str(int(x)) for x in flat).encode()
