@@ -9,7 +9,7 @@ import numpy as np
 from kennfeld.analysis.missing.probes import Nodes
 from kennfeld.analysis.missing.proposal import RmseChange, TermProposal
 from kennfeld.analysis.missing.proposing import SearchScope
-from kennfeld.analysis.missing.recordings import numbered
+from kennfeld.analysis.missing.recordings import can_be_numbered
 from kennfeld.analysis.missing.terms import KINDS, OF_CHANNELS, Kind, describe
 from kennfeld.app.answer import finite, finite_list
 from kennfeld.app.questions.recordings import channel_ranges, recorded_channels
@@ -259,7 +259,7 @@ def missing(session: Session) -> MissingTerms:
 
 def _is_possible(kind: Kind, problem: Problem, *, timed: bool) -> bool:
     if kind == "offset":
-        return bool(numbered(problem)[1])
+        return can_be_numbered(problem)
     return timed or kind in OF_CHANNELS
 
 
