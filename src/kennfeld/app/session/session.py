@@ -3,7 +3,7 @@
 import itertools
 import queue
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -159,6 +159,11 @@ class Session:
         """
         joined = self.history.joins(drag)
         self._change(lambda: self.history.do(command, drag, tables), joined=joined)
+
+    def key_command(self, title: str, changes: Sequence[tuple[Sequence[str | int], Any]]) -> SetKeys:
+        """Return a command that sets keys of the project file; a value that was saved gets its notation back."""
+        name = self.path.name
+        return SetKeys(title, name, changes, self.saved.texts.get(name, ""))
 
     def edit(self, edit: ValueEdit) -> None:
         """Edit values of a parameter; during a calibration, whose values replace the present ones, at its end.
