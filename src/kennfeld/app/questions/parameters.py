@@ -10,7 +10,7 @@ from kennfeld.app.session.cell_keys import lock_changes, pin_changes, pinned_cel
 from kennfeld.app.session.reference import choose_reference as choose
 from kennfeld.app.session.reference import deviation_of, reference_set, reference_table
 from kennfeld.app.session.session import Session
-from kennfeld.app.session.value_edits import ValueEdit
+from kennfeld.app.session.value_edits import ValueEdit, require_cells
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
@@ -157,6 +157,5 @@ def _table_of(session: Session, asked: CellMark, parameters: ParameterSet) -> Pa
     if asked.name not in parameters:
         raise ArgumentError(f"{asked.name[:100]} is not a parameter of the project")
     table = parameters[asked.name]
-    if not all(0 <= cell < table.size for cell in asked.cells):
-        raise ArgumentError(f"{asked.name} has {table.size} values, none with the number {max(asked.cells)}")
+    require_cells(table, asked.cells)
     return table
