@@ -22,7 +22,8 @@ class FileSpan:
 
     Attributes:
         recording: number of the dataset among those that are used.
-        name: of the file, as short as it is unique; empty for data without files.
+        path: of the file, as it was read; empty for data without files.
+        name: of the file, as short as it is unique.
         first: number of its first sample in the dataset.
         last: number behind its last sample.
         begin: time stamp of its first sample in s, as recorded; of data without time 0.
@@ -31,6 +32,7 @@ class FileSpan:
     """
 
     recording: int
+    path: str
     name: str
     first: int
     last: int
@@ -51,15 +53,15 @@ def file_spans(view: View) -> list[FileSpan]:
     """Return the files of all datasets, in order; a dataset without files is one without a name."""
     datasets = [recording.bound.dataset for recording in view.model.recordings]
     spans = [data.files or FileSpans.joined([""], [data.samples]) for data in datasets]
-    names = short_names([name for each in spans for name in each.names])
+    names = short_names([path for each in spans for path in each.names])
     files = []
     for number, (data, each) in enumerate(zip(datasets, spans, strict=True)):
-        for name, start, length in zip(each.names, each.starts.tolist(), each.lengths.tolist(), strict=True):
+        for path, start, length in zip(each.names, each.starts.tolist(), each.lengths.tolist(), strict=True):
             first, last = max(start, 0), min(start + length, data.samples)
             if last <= first:
                 continue
             begin, end = (0.0, float(last - first)) if data.time is None else data.time[[first, last - 1]].tolist()
-            files.append(FileSpan(number, names[name], first, last, begin, end, data.time is not None))
+            files.append(FileSpan(number, path, names[path], first, last, begin, end, data.time is not None))
     return files[:MAX_FILES]
 
 
