@@ -267,10 +267,7 @@ def _channels(session: Session) -> list[TermChannel]:
     view, project = session.require_view(), session.project
     assert project is not None
     problem = view.model.problem
-    ranges = channel_ranges(session)
-    units = {channel.name: channel.unit for data in problem.datasets for channel in data.channels}
-    for number in range(len(project.file.datasets)):
-        units |= {name: unit for name, unit in recorded_channels(session, number).items() if name not in units}
+    ranges, units = channel_ranges(session), _channel_units(session)
     targets = {criterion.target.name for criterion in problem.criteria if criterion.target.kind != "number"}
     known = [name for data in problem.datasets if data.use == "training" for name in data]
     rows = []
@@ -280,6 +277,16 @@ def _channels(session: Session) -> list[TermChannel]:
         reason = "the target" if name in targets else "constant" if constant else ""
         rows.append(TermChannel(name, units.get(name, ""), reason))
     return rows
+
+
+def _channel_units(session: Session) -> dict[str, str]:
+    """Return the units of all channels of the recordings; those of the problem are as its settings state them."""
+    view, project = session.require_view(), session.project
+    assert project is not None
+    units = {channel.name: channel.unit for data in view.model.problem.datasets for channel in data.channels}
+    for number in range(len(project.file.datasets)):
+        units |= {name: unit for name, unit in recorded_channels(session, number).items() if name not in units}
+    return units
 
 
 @while_unchanged(256)
@@ -383,7 +390,7 @@ def term(session: Session, asked: AskedTerm) -> ShownTerm:
     return ShownTerm(
         parameter="" if parameter is None else parameter.name,
         input="recording" if kind == "offset" else own.term.channel,
-        input_unit=next((c.unit for c in _channels(session) if c.name == own.term.channel), ""),
+        input_unit=_channel_units(session).get(own.term.channel, ""),
         # recordings count from 1, as the parameter will
         points=tuple(point + 1 for point in own.term.breakpoints) if kind == "offset" else own.term.breakpoints,
         now=_numbers(parameter.values) if parameter is not None else [],
