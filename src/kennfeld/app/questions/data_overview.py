@@ -242,9 +242,9 @@ def _facts(view: View, signal: SignalName, files: Sequence[FileSpan], values: Se
     gaps = {}
     for number, (file, own) in enumerate(zip(files, values, strict=True)):
         # a file without the channel has no gap in it
-        found = find_gaps(view, file, own) if signal.kind == "channel" and np.isfinite(own).any() else []
-        if found:
-            gaps[number] = [(gap.begin, gap.end) for gap in found[:MAX_GAPS]]
+        missing = find_gaps(view, file, own) if signal.kind == "channel" and np.isfinite(own).any() else []
+        if missing:
+            gaps[number] = [(gap.begin, gap.end) for gap in missing[:MAX_GAPS]]
     return SignalFacts(
         name=signal.name,
         unit=_unit(view, signal),

@@ -297,19 +297,19 @@ def _channels_of_file(path: str) -> list[str]:
 
 
 def _found(findings: TermFindings, *, old: bool, seconds: float) -> FoundTerms:
-    found = findings.found
+    outcome = findings.found
     return FoundTerms(
         old=old,
-        status=found.status,
-        message=found.message,
-        smallest=finite(found.smallest_effect),
-        unit=found.unit,
-        candidates=found.candidates,
+        status=outcome.status,
+        message=outcome.message,
+        smallest=finite(outcome.smallest_effect),
+        unit=outcome.unit,
+        candidates=outcome.candidates,
         stopped=findings.stopped,
-        proposals=[_row(proposal) for proposal in found.proposals],
-        rejected=found.rejected,
-        excluded=list(found.excluded.items()),
-        remarks=found.remarks,
+        proposals=[_row(proposal) for proposal in outcome.proposals],
+        rejected=outcome.rejected,
+        excluded=list(outcome.excluded.items()),
+        remarks=outcome.remarks,
         seconds=seconds,
     )
 
