@@ -8,7 +8,7 @@ import numpy as np
 from kennfeld.app.session.live_model import LiveDataset
 from kennfeld.app.session.signals import SignalName
 from kennfeld.app.session.view import View
-from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.arrays import Float, Int, runs_of
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.file_spans import FileSpans, short_names
 
@@ -122,19 +122,13 @@ def find_gaps(view: View, file: FileSpan, values: Float) -> list[FileGap]:
     missing = np.isnan(values)
     if not missing.any():
         return []
-    firsts, lasts = _runs(missing)
+    firsts, ends = runs_of(missing).T
     time = view.model.recordings[file.recording].bound.dataset.time
     if time is None:
-        gaps = [FileGap(float(first), float(last)) for first, last in zip(firsts, lasts, strict=True)]
+        gaps = [FileGap(float(first), float(end)) for first, end in zip(firsts, ends, strict=True)]
     else:
         here = time[file.first : file.last]
         # from the last value before it to the first one after it
-        begins, ends = here[np.maximum(firsts - 1, 0)], here[np.minimum(lasts, here.size - 1)]
-        gaps = [FileGap(float(begin), float(end)) for begin, end in zip(begins, ends, strict=True)]
+        begins, resumes = here[np.maximum(firsts - 1, 0)], here[np.minimum(ends, here.size - 1)]
+        gaps = [FileGap(float(begin), float(end)) for begin, end in zip(begins, resumes, strict=True)]
     return sorted(gaps, key=lambda gap: gap.begin - gap.end)
-
-
-def _runs(marked: Bool) -> tuple[Int, Int]:
-    """Return the first sample of each run of marked ones, and the one behind its last."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], marked, [False]])))
-    return edges[::2], edges[1::2]
