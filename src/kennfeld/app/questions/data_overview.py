@@ -183,7 +183,7 @@ def _row(view: View, file: FileSpan, row: RecordingQuality | None) -> FileRow:
     for name in read:
         if name in dataset:
             missing |= np.isnan(dataset[name].values[file.first : file.last])
-    gaps = find_gaps(view, file, np.where(missing, np.nan, 0.0))
+    gaps = find_gaps(view, file, missing)
     worst = None if row is None else row.worst
     return FileRow(
         dataset=file.recording,
@@ -242,7 +242,8 @@ def _facts(view: View, signal: SignalName, files: Sequence[FileSpan], values: Se
     gaps = {}
     for number, (file, own) in enumerate(zip(files, values, strict=True)):
         # a file without the channel has no gap in it
-        missing = find_gaps(view, file, own) if signal.kind == "channel" and np.isfinite(own).any() else []
+        is_recorded = signal.kind == "channel" and np.isfinite(own).any()
+        missing = find_gaps(view, file, np.isnan(own)) if is_recorded else []
         if missing:
             gaps[number] = [(gap.begin, gap.end) for gap in missing[:MAX_GAPS]]
     return SignalFacts(

@@ -8,7 +8,7 @@ import numpy as np
 from kennfeld.app.session.live_model import LiveDataset
 from kennfeld.app.session.signals import SignalName
 from kennfeld.app.session.view import View
-from kennfeld.base.arrays import Float, Int, runs_of
+from kennfeld.base.arrays import Bool, Float, Int, runs_of
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.file_spans import FileSpans, short_names
 
@@ -117,11 +117,8 @@ def _edges(view: View, file: FileSpan, pixels: int) -> Int:
     return edges
 
 
-def find_gaps(view: View, file: FileSpan, values: Float) -> list[FileGap]:
-    """Return the stretches of a file in which a signal is missing, the longest first."""
-    missing = np.isnan(values)
-    if not missing.any():
-        return []
+def find_gaps(view: View, file: FileSpan, missing: Bool) -> list[FileGap]:
+    """Return the stretches of a file in which values are missing, Bool[samples of the file], the longest first."""
     firsts, ends = runs_of(missing).T
     time = view.model.recordings[file.recording].bound.dataset.time
     if time is None:
