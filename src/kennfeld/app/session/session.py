@@ -19,7 +19,8 @@ from kennfeld.app.session.live_model import LiveDataset, LiveModel, LiveScore
 from kennfeld.app.session.part_fit import FittedPart, part_options, part_problem
 from kennfeld.app.session.partitioned_data import PartitionedData, count_samples
 from kennfeld.app.session.proposal import read_function
-from kennfeld.app.session.recorded_data import RecordedData, matching_files
+from kennfeld.app.session.read_files import ReadFiles
+from kennfeld.app.session.recorded_data import RecordedData
 from kennfeld.app.session.recovery import Recovery
 from kennfeld.app.session.reference_set import ReferenceSet
 from kennfeld.app.session.rounding import SetRounding
@@ -46,7 +47,6 @@ from kennfeld.base.arrays import Float
 from kennfeld.base.atomic_files import write_whole
 from kennfeld.base.dask_runner import ClusterAddress, DaskRunner
 from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
-from kennfeld.base.file_state import FileVersion, opened_files
 from kennfeld.base.output_paths import within
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.domain.free_axes import AXIS_LABEL
@@ -59,7 +59,6 @@ from kennfeld.optimize.fit.result import TraceLine
 from kennfeld.project import Project
 from kennfeld.project.consent import consent_requests, scheduler_request
 from kennfeld.project.document import ProjectDocument
-from kennfeld.project.schema import ProjectFile
 
 _T = TypeVar("_T")  # Python 3.11
 
@@ -91,12 +90,11 @@ class Session:
         self.view: View | None = None  # of the last texts without errors
         self.stale = False  # the texts have errors since
         self.undecided: tuple[ConsentRequest, ...] = ()  # what may not run or be used yet
-        self._opened: list[FileVersion] = []  # the files that the project was read from
+        self._read_files = ReadFiles(path.parent)
         self._read_again: tuple[
             Finding, ...
         ] = ()  # files that have been read again, but not because the user asked for it
         self._function: tuple[int, Model | None] | None = None  # of another tool, by the revision of the texts
-        self._matching: tuple[ProjectFile, tuple[str, ...]] | None = None  # and those that its patterns matched
         self._data: RecordedData | PartitionedData = RecordedData(self._activity)
         self.interrupted = False  # the user has stopped the reading of the recordings
         self.last: tuple[LiveScore, ...] = ()  # before the last change, whatever was evaluated since
@@ -274,9 +272,7 @@ class Session:
     @property
     def subject(self) -> tuple[object, ...]:
         """The values, texts and files that an outcome is about; equal to that of a state to which an undo leads."""
-        own = {self.path.parent / name for name in self.state.texts}
-        files = sorted((str(file.path), file.times) for file in self._opened if file.path not in own)
-        return self.state, tuple(files)
+        return self.state, self._read_files.versions({self.path.parent / name for name in self.state.texts})
 
     @property
     def checkpoints(self) -> RunCheckpoints:
@@ -512,8 +508,7 @@ class Session:
                 write_whole(path, text.encode())
             if values is not None:
                 write_parameters(values, target)
-                # what the session wrote itself is not a change by another program
-                self._opened = [file.now() if file.path == target else file for file in self._opened]
+                self._read_files.note_written(target)
         except OSError as error:
             message = f"cannot be written: {error.strerror or error}"
             raise InputError.of(Location(str(error.filename or folder)), message, "Check the permissions.") from None
@@ -533,26 +528,15 @@ class Session:
         return (*self._files.changed(self.state.texts), *self._data_changes())
 
     def _data_changes(self) -> list[DiskChange]:
-        """Return the files, but for texts that are edited here, that have changed since the project was read from them.
-
-        Those that match a pattern of the project now, or do not any more, are among them.
-        """
-        folder, own = self.path.parent, {self.path.parent / name for name in self.saved.texts}
-        opened = [file for file in self._opened if file.path not in own and not file.is_present]
-        changes = {file.path: DiskChange.of(file.path, folder, file) for file in opened}
-        if self._matching is not None:
-            file, before = self._matching
-            for path in sorted(set(before).symmetric_difference(matching_files(file))):
-                own_path = Path(path).absolute()
-                changes.setdefault(own_path, DiskChange.of(own_path, folder))
-        return list(changes.values())
+        """Return the files, but for texts that are edited here, that have changed since the project was read."""
+        return self._read_files.changes({self.path.parent / name for name in self.saved.texts})
 
     def reload(self) -> None:
         """Take over the texts on disk, as a command that can be undone."""
         folder = self.path.parent
         texts = {name: text_or_none(folder / name) for name in self.state.texts}
         self._files.read(texts)
-        self._opened, self._matching, self._read_again = [], None, ()  # the user has seen what has changed
+        self._forget_changes()
         # what is on disk is the saved state, also after an undo
         self.saved = SessionState({name: text for name, text in texts.items() if text is not None}, self.saved.values)
         if texts != self.state.texts:
@@ -611,8 +595,13 @@ class Session:
 
     def refresh(self) -> None:
         """Read the project again, after files that it names have changed."""
-        self._opened, self._matching, self._read_again = [], None, ()  # the changes are known
+        self._forget_changes()
         self._assemble()
+
+    def _forget_changes(self) -> None:
+        """Forget what has changed on disk since the project was read: the user knows."""
+        self._read_files.forget()
+        self._read_again = ()
 
     def allow_code(self, digests: Collection[str]) -> None:
         """Keep that the user allows files with these contents to run, or these addresses, and evaluate the project."""
@@ -631,16 +620,15 @@ class Session:
             )
             for each in self._data_changes()
         )
-        with opened_files() as opened:
+        with self._read_files.note():
             self._read_project()
-        self._opened = [FileVersion.seen(*item) for item in opened.items() if not item[0].is_dir()]
 
     def _read_project(self) -> None:
         self.revision = self.text_revision = next(_REVISIONS)
-        self.undecided, self._matching, self.interrupted = (), None, False
+        self.undecided, self.interrupted = (), False
         try:
             project = Project.read(self.path, self.unsaved_texts)
-            self._matching = project.file, matching_files(project.file)
+            self._read_files.note_matching(project.file)
             self._require_consent(project)
             project = self._with_data(project)
             self.project, self._own_findings = project, (*self._read_again, *project.check())
