@@ -293,7 +293,7 @@ class Session:
 
     def close(self) -> None:
         """End a running calibration, training or search."""
-        for work in (self.training, self.term_search, self.design_work):
+        for work in self._works:
             work.stop()
         if self._running is not None:
             self._running.kill()
@@ -377,11 +377,14 @@ class Session:
     @property
     def unsaved_texts(self) -> dict[str, str]:
         """Return the texts that differ from the saved ones, as they are read from files: without mark and with LF."""
-        edited = self._edited_texts()
+        return self._unsaved_texts(self.state)
+
+    def _unsaved_texts(self, state: SessionState) -> dict[str, str]:
+        edited = self._edited_texts(state)
         return {name: text.removeprefix("\ufeff").replace("\r\n", "\n") for name, text in edited.items()}
 
-    def _edited_texts(self) -> dict[str, str]:
-        return {name: text for name, text in self.state.texts.items() if text != self.saved.texts.get(name)}
+    def _edited_texts(self, state: SessionState) -> dict[str, str]:
+        return {name: text for name, text in state.texts.items() if text != self.saved.texts.get(name)}
 
     def note_shown(self, file: str, text: str) -> None:
         """Note the text of a file that a page shows, from which its edits begin."""
@@ -411,8 +414,12 @@ class Session:
     @property
     def is_busy(self) -> bool:
         """True while a calibration, a training or a search runs."""
-        works = (self.training, self.term_search, self.design_work)
-        return self._running is not None or any(work.state == "running" for work in works)
+        return self._running is not None or any(work.state == "running" for work in self._works)
+
+    @property
+    def _works(self) -> tuple[SurrogateTraining | SideWork[Any], ...]:
+        """The work beside the calibration."""
+        return self.training, self.term_search, self.design_work
 
     @property
     def has_edits(self) -> bool:
@@ -459,10 +466,8 @@ class Session:
         Raises:
             InputError: it would have errors.
         """
-        texts = command.apply(self.state).texts
-        edited = {name: text for name, text in texts.items() if text != self.saved.texts.get(name)}
-        plain = {name: text.removeprefix("\ufeff").replace("\r\n", "\n") for name, text in edited.items()}
-        return self._with_data(Project.read(self.path, plain))
+        texts = self._unsaved_texts(command.apply(self.state))
+        return self._with_data(Project.read(self.path, texts))
 
     @property
     def initial_names(self) -> list[str]:
@@ -474,7 +479,7 @@ class Session:
     @property
     def conflicts(self) -> list[Conflict]:
         """The files that saving would replace although another program has changed them since they were read."""
-        names, values = [*self._edited_texts()], self._changed_values()
+        names, values = [*self._edited_texts(self.state)], self._changed_values()
         if values is not None:
             names += [VALUES, *([self.path.name] if self._naming(self.state.values) else [])]
         return self._files.conflicts(names, self.state.texts)
@@ -501,7 +506,7 @@ class Session:
         folder = self.path.parent
         try:
             # all paths are checked before the first file is written
-            targets = {within(folder, name): text for name, text in self._edited_texts().items()}
+            targets = {within(folder, name): text for name, text in self._edited_texts(self.state).items()}
             target = within(folder, VALUES)
             for path, text in targets.items():
                 # as bytes, so that line ends stay as they are
