@@ -9,7 +9,7 @@ import numpy as np
 from kennfeld.app.answer import finite
 from kennfeld.app.questions.fixes import FixRow, fix_rows
 from kennfeld.app.questions.pictures import thumbnail
-from kennfeld.app.questions.recordings import used_numbers
+from kennfeld.app.questions.recordings import used_entries
 from kennfeld.app.recent import project_id
 from kennfeld.app.session.live_model import LiveDataset
 from kennfeld.app.session.reference import (
@@ -356,7 +356,7 @@ def _with_view(state: AppState, session: Session, view: View) -> AppState:
 
 def _numbers(session: Session, view: View) -> Sequence[int]:
     """Return the numbers of the datasets in the project file, which may have other ones since it has errors."""
-    numbers, count = used_numbers(session), len(view.model.recordings)
+    numbers, count = [*used_entries(session)], len(view.model.recordings)
     return numbers if len(numbers) == count else range(1, count + 1)
 
 
