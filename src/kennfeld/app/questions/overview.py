@@ -312,10 +312,10 @@ def overview(session: Session) -> AppState:
     )
     if session.view is not None:
         return _with_view(state, session, session.view)
-    if session.function is None:
+    function = session.function  # is parsed each time
+    if function is None:
         return state
-    graph = session.function.graph
-    return replace(state, nodes=_nodes(graph), inputs=graph.inputs)
+    return replace(state, nodes=_nodes(function.graph), inputs=function.graph.inputs)
 
 
 def _search(work: SideWork[Any]) -> SearchState:
