@@ -1,24 +1,18 @@
 """Calibration files in the app: compared, taken into the project, merged, converted, and written into images."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from scipy.io import loadmat
 
 import kennfeld as kf
-from kennfeld.app.answer import Answer
-from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.session.calibration_source import SourceName, source_of
 from kennfeld.app.session.session import Session
 from kennfeld.base.errors import ArgumentError, InputError
+from tests.app.questions import ask
 
 NOW, START = {"from": "now"}, {"from": "start"}
-
-
-def ask(session: Session, question: str, **arguments: Any) -> Answer:
-    return (QUESTIONS.get(question) or COMMANDS[question])(session, arguments)
 
 
 def file(name: str, a2l: str = "") -> dict[str, str]:

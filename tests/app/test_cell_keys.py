@@ -7,17 +7,12 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.app.answer import Answer
-from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.session.cell_keys import lock_changes, pin_changes, pinned_cells
 from kennfeld.app.session.session import Session
 from kennfeld.base.errors import ArgumentError
+from tests.app.questions import ask
 
 TABLE = kf.Map("M", [0.0, 1.0, 2.0], [0.0, 10.0], np.arange(6.0).reshape(3, 2))
-
-
-def ask(session: Session, question: str, **arguments: Any) -> Answer:
-    return (QUESTIONS.get(question) or COMMANDS[question])(session, arguments)
 
 
 def cells(*numbers: int) -> np.ndarray:

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.app.answer import Answer
-from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetValues
 from kennfeld.base.errors import ArgumentError
+from tests.app.questions import ask
 
 PROJECT = """\
 model.file = "f.kf"
@@ -22,10 +21,6 @@ files = "d.csv"
 node = "m"
 target = "y"
 """
-
-
-def ask(session: Session, question: str, **arguments: Any) -> Answer:
-    return (QUESTIONS.get(question) or COMMANDS[question])(session, arguments)
 
 
 def tables(gain: float, offset: float) -> kf.ParameterSet:

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from kennfeld.app.answer import Answer
-from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.questions.overview import overview
 from kennfeld.app.server.frames import pack
 from kennfeld.app.session.session import Session
 from kennfeld.base.errors import ArgumentError
 from kennfeld.optimize.quality.quality import Scorer
 from kennfeld.project import Project
+from tests.app import questions
 
 SETTINGS = """
 [model]
@@ -44,7 +44,7 @@ target = "m"
 
 
 def ask(session: Session, question: str, **arguments: Any) -> Answer:
-    answer = (QUESTIONS.get(question) or COMMANDS[question])(session, arguments)
+    answer = questions.ask(session, question, **arguments)
     pack(answer.head, answer.arrays)  # it can be sent
     return answer
 

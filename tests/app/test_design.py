@@ -1,21 +1,19 @@
 """What to measure next in the app: points and segments in another process, their maps, and their files."""
 
-import threading
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from kennfeld.app.questions import COMMANDS, QUESTIONS
+from kennfeld.app.questions import QUESTIONS
 from kennfeld.app.questions.overview import overview
-from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys
 from kennfeld.base.errors import InputError
+from tests.app.questions import WaitingSession
 
 pytestmark = pytest.mark.usefixtures("forked_workers")
 
-WAIT = 120.0  # s, at most
 MAP = """\
 model.file = "f.kf"
 [[dataset]]
@@ -32,23 +30,13 @@ smoothness = 0.001
 """
 
 
-class Designing:
+class Designing(WaitingSession):
     """A session whose design can be waited for."""
-
-    def __init__(self, path: Path) -> None:
-        self._news = threading.Event()
-        self.session = Session(path, self._news.set)
-
-    def ask(self, question: str, **arguments: Any) -> dict[str, Any]:
-        return dict((QUESTIONS.get(question) or COMMANDS[question])(self.session, arguments).head)
 
     def propose(self, **arguments: Any) -> dict[str, Any]:
         """Compute a design, and return it."""
         self.ask("propose-design", **arguments)
-        while self.session.design_work.state == "running":
-            assert self._news.wait(WAIT)
-            self._news.clear()
-            self.session.pump()
+        self.wait(self.session.design_work)
         proposed = self.ask("designs")["found"]
         assert proposed is not None, self.session.design_work.reason
         return dict(proposed)
@@ -123,11 +111,7 @@ def test_a_design_that_cannot_be_made_says_why_and_how(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="nothing has been proposed yet"):
         bench.ask("export-design", format="csv")
     bench.ask("propose-design", segments=3)
-    while bench.session.design_work.state == "running":
-        assert bench._news.wait(WAIT)
-        bench._news.clear()
-        bench.session.pump()
-    assert bench.session.design_work.state == "failed"
+    assert bench.wait(bench.session.design_work) == "failed"
     assert "there is nothing to choose segments from" in overview(bench.session).design.text
 
 

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.session.session import Session
+from tests.app.questions import ask
 
 PROJECT = """
 [model]
@@ -42,12 +42,8 @@ def session(tmp_path: Path) -> Session:
     return session
 
 
-def ask(session: Session, question: str, **arguments: Any) -> dict[str, Any]:
-    return (QUESTIONS.get(question) or COMMANDS[question])(session, arguments).head
-
-
 def limits(session: Session) -> dict[str, dict[str, Any]]:
-    rows = ask(session, "limits", first={"from": "start"}, second={"from": "now"})["rows"]
+    rows = ask(session, "limits", first={"from": "start"}, second={"from": "now"}).head["rows"]
     return {f"{row['name']} {row['text']}": row for row in rows}
 
 

@@ -1,42 +1,30 @@
 """Missing terms in the app: looked for in another process, applied as one command, and old once the project changes."""
 
-import threading
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from kennfeld.app.questions import COMMANDS, QUESTIONS
+from kennfeld.app.questions import QUESTIONS
 from kennfeld.app.questions.missing import ChangedLine, _changed_lines
 from kennfeld.app.questions.overview import overview
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetText
 from kennfeld.base.errors import ArgumentError, InputError
+from tests.app.questions import WaitingSession
 from tests.project.test_missing_terms import write_bench
 
 pytestmark = pytest.mark.usefixtures("forked_workers")
 
-WAIT = 120.0  # s, at most
 
-
-class Looking:
+class Looking(WaitingSession):
     """A session whose search can be waited for."""
-
-    def __init__(self, path: Path) -> None:
-        self._news = threading.Event()
-        self.session = Session(path, self._news.set)
-
-    def ask(self, question: str, **arguments: Any) -> dict[str, Any]:
-        return dict((QUESTIONS.get(question) or COMMANDS[question])(self.session, arguments).head)
 
     def look(self, **arguments: Any) -> dict[str, Any]:
         """Search, and return what was found."""
         self.ask("look", **arguments)
-        while self.session.term_search.state == "running":
-            assert self._news.wait(WAIT)
-            self._news.clear()
-            self.session.pump()
+        self.wait(self.session.term_search)
         outcome = self.ask("missing")["found"]
         assert outcome is not None, self.session.term_search.reason
         return dict(outcome)

@@ -2,20 +2,18 @@
 
 import json
 import time
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.app.answer import Answer
-from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.session.part_fit import FittedPart, part_problem
 from kennfeld.app.session.session import Session
 from kennfeld.base.errors import ArgumentError
-from tests.app.app_processes import FORKS, fork_workers, forking_process
+from tests.app.questions import ask
+
+pytestmark = pytest.mark.usefixtures("forked_workers")
 
 FORMULA = "y = M(x, z) + offset\n"
 SETTINGS = """
@@ -38,14 +36,6 @@ target = "m"
 """
 
 
-@pytest.fixture(scope="module", autouse=True)
-def forked_worker() -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        if FORKS:
-            fork_workers(patch, forking_process())
-        yield
-
-
 @pytest.fixture
 def session(tmp_path: Path) -> Session:
     """Return a project whose measurement is 10 x + z, with an offset of 100 that would explain all of it."""
@@ -58,10 +48,6 @@ def session(tmp_path: Path) -> Session:
     start.save(tmp_path / "start.json")
     (tmp_path / "kennfeld.toml").write_text(SETTINGS, encoding="utf-8")
     return Session(tmp_path / "kennfeld.toml")
-
-
-def ask(session: Session, question: str, **arguments: Any) -> Answer:
-    return (QUESTIONS.get(question) or COMMANDS[question])(session, arguments)
 
 
 def finish(session: Session) -> Session:

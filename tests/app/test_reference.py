@@ -1,24 +1,18 @@
 """What the present values are compared with: the start, a run or a file."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.app.answer import Answer
-from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.questions.overview import overview
 from kennfeld.app.session.reference import relative_change, relative_deviation
 from kennfeld.app.session.session import Session
 from kennfeld.base.errors import ArgumentError, KennfeldError
+from tests.app.questions import ask
 
 NAME = "CurveEtaDeltaSpark"
-
-
-def ask(session: Session, question: str, **arguments: Any) -> Answer:
-    return (QUESTIONS.get(question) or COMMANDS[question])(session, arguments)
 
 
 def test_a_file_is_the_reference_on_the_present_breakpoints(torque: Path) -> None:

@@ -9,16 +9,11 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.app.answer import Answer
-from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.questions.trust import pinned_deviation
 from kennfeld.app.session.session import Session
 from tests.app.app_processes import FORKS, fork_workers, forking_process
 from tests.app.function_samples import write_product
-
-
-def ask(session: Session, question: str, **arguments: Any) -> Answer:
-    return (QUESTIONS.get(question) or COMMANDS[question])(session, arguments)
+from tests.app.questions import ask
 
 
 @pytest.fixture(scope="module", autouse=True)

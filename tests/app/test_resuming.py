@@ -8,18 +8,13 @@ from typing import Any
 
 import pytest
 
-from kennfeld.app.answer import Answer
-from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.session.session import Session
 from kennfeld.base.errors import ArgumentError, InputError
 from kennfeld.optimize.fit.result import Checkpoint, StartResult
 from kennfeld.project import Project
+from tests.app.questions import ask
 
 pytestmark = pytest.mark.usefixtures("forked_workers")
-
-
-def ask(session: Session, question: str, **arguments: Any) -> Answer:
-    return (QUESTIONS.get(question) or COMMANDS[question])(session, arguments)
 
 
 def wait_until(session: Session, condition: Callable[[], bool]) -> None:

@@ -1,6 +1,5 @@
 """Surrogates on the Function screen: their state, their training in a process of its own, and where they hold."""
 
-import threading
 from pathlib import Path
 from typing import Any
 
@@ -11,32 +10,15 @@ from kennfeld.app.questions.overview import overview
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys, SetText
 from kennfeld.base.errors import ArgumentError
+from tests.app.questions import WaitingSession
 
 pytestmark = pytest.mark.usefixtures("forked_workers")
 
-WAIT = 60.0  # s, at most
-
-
-class Waiting:
-    """A session whose training can be waited for."""
-
-    def __init__(self, path: Path) -> None:
-        self._news = threading.Event()
-        self.session = Session(path, self._news.set)
-
-    def wait(self) -> str:
-        """Handle the reports until the training has ended; return its state."""
-        while self.session.training.state == "running":
-            assert self._news.wait(WAIT)
-            self._news.clear()
-            self.session.pump()
-        return self.session.training.state
-
 
 @pytest.fixture
-def bench(torque: Path) -> Waiting:
+def bench(torque: Path) -> WaitingSession:
     """Return a session of the torque demo with a training file for an engine of few centres, which nothing calls."""
-    own = Waiting(torque)
+    own = WaitingSession(torque)
     arguments = {"name": "engine", "inputs": ["Speed", "Rel_Airmass", "Ignition"], "output": "Torque"}
     COMMANDS["new-surrogate"](own.session, arguments)
     path = torque.parent / "engine.toml"
@@ -50,7 +32,7 @@ def rows(session: Session) -> dict[str, dict[str, Any]]:
     return {row["name"]: row for row in QUESTIONS["surrogates"](session, {}).head["surrogates"]}
 
 
-def test_a_new_surrogate_has_a_training_file_with_the_data_of_the_project(bench: Waiting) -> None:
+def test_a_new_surrogate_has_a_training_file_with_the_data_of_the_project(bench: WaitingSession) -> None:
     row = rows(bench.session)["engine"]
     assert (row["state"], row["file"], row["training"]) == ("not trained", "engine.json", "engine.toml")
     assert row["trainingProblem"] == ""
@@ -61,13 +43,13 @@ def test_a_new_surrogate_has_a_training_file_with_the_data_of_the_project(bench:
         COMMANDS["new-surrogate"](bench.session, {"name": "../x", "inputs": ["Speed"], "output": "Torque"})
 
 
-def test_training_ends_with_a_surrogate_that_the_formula_can_call(bench: Waiting) -> None:
+def test_training_ends_with_a_surrogate_that_the_formula_can_call(bench: WaitingSession) -> None:
     session = bench.session
     assert any("engine.json" in str(finding) for finding in session.findings)
     COMMANDS["train-surrogate"](session, {"file": "engine.toml"})
     with pytest.raises(ArgumentError, match="in progress"):
         COMMANDS["train-surrogate"](session, {"file": "engine.toml"})
-    assert bench.wait() == "trained"
+    assert bench.wait(bench.session.training) == "trained"
     assert "5 centres" in overview(session).training.lines[-1]
     row = rows(session)["engine"]
     assert (row["state"], row["centres"]) == ("trained", 5)
@@ -82,36 +64,36 @@ def test_training_ends_with_a_surrogate_that_the_formula_can_call(bench: Waiting
     assert "outside its training data" in training["text"]
 
 
-def test_a_training_that_is_stopped_writes_no_surrogate(bench: Waiting) -> None:
+def test_a_training_that_is_stopped_writes_no_surrogate(bench: WaitingSession) -> None:
     session = bench.session
     COMMANDS["train-surrogate"](session, {"file": "engine.toml"})
     COMMANDS["stop-training"](session, {})
     assert session.training.state == "stopped"
     assert not (session.path.parent / "engine.json").exists()
     COMMANDS["train-surrogate"](session, {"file": "engine.toml"})
-    assert bench.wait() == "trained"
+    assert bench.wait(bench.session.training) == "trained"
 
 
-def test_a_training_that_fails_shows_the_reason(bench: Waiting) -> None:
+def test_a_training_that_fails_shows_the_reason(bench: WaitingSession) -> None:
     path = bench.session.path.parent / "engine.toml"
     path.write_text(path.read_text("utf-8").replace('"Speed"', '"Sped"'))
     COMMANDS["train-surrogate"](bench.session, {"file": "engine.toml"})
-    assert bench.wait() == "failed"
+    assert bench.wait(bench.session.training) == "failed"
     assert "Did you mean Speed?" in bench.session.training.lines[-1]
 
 
 @pytest.mark.slow
-def test_a_worker_that_dies_is_reported(bench: Waiting) -> None:
+def test_a_worker_that_dies_is_reported(bench: WaitingSession) -> None:
     session = bench.session
     COMMANDS["train-surrogate"](session, {"file": "engine.toml"})
     process = session.training._process
     assert process is not None
     process.kill()
-    assert bench.wait() == "failed"
+    assert bench.wait(bench.session.training) == "failed"
     assert "ended unexpectedly" in session.training.lines[-1]
 
 
-def test_files_that_are_damaged_or_have_no_entry_are_listed(bench: Waiting) -> None:
+def test_files_that_are_damaged_or_have_no_entry_are_listed(bench: WaitingSession) -> None:
     session, folder = bench.session, bench.session.path.parent
     (folder / "engine.json").write_text("{}")
     (folder / "other.toml").write_text("[surrogate]\ninputs = 3\n")
@@ -123,6 +105,6 @@ def test_files_that_are_damaged_or_have_no_entry_are_listed(bench: Waiting) -> N
 
 
 @pytest.mark.slow
-def test_only_training_files_of_the_project_folder_are_trained(bench: Waiting) -> None:
+def test_only_training_files_of_the_project_folder_are_trained(bench: WaitingSession) -> None:
     with pytest.raises(ArgumentError, match="outside"):
         COMMANDS["train-surrogate"](bench.session, {"file": "../../engine.toml"})

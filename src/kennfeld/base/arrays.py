@@ -15,6 +15,7 @@ __all__ = [
     "aligned_zeros",
     "ignore_floating_errors",
     "readonly",
+    "runs_of",
 ]
 
 LINE = 8  # doubles in a cache line
@@ -42,6 +43,15 @@ def aligned_zeros(size: int) -> Float:
     room = np.zeros(size + LINE)
     skip = (-room.ctypes.data // room.itemsize) % LINE
     return room[skip : skip + size]
+
+
+def runs_of(marked: Bool) -> Int:
+    """Return the first element of each run of marked ones, and the one behind its last, Int[runs, 2].
+
+    >>> runs_of(np.array([True, False, True, True])).tolist()
+    [[0, 1], [2, 4]]
+    """
+    return np.flatnonzero(np.diff(np.concatenate([[False], marked, [False]]))).reshape(-1, 2)
 
 
 def ignore_floating_errors() -> np.errstate:

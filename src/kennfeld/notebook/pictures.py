@@ -5,7 +5,7 @@ from math import floor, log10
 
 import numpy as np
 
-from kennfeld.base.arrays import Float
+from kennfeld.base.arrays import Float, runs_of
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.markup import Html, element
 
@@ -158,8 +158,7 @@ def _edges(points: Float, span: Span) -> list[float]:
 def _lines(x: Float, y: Float, across: Span, up: Span) -> Iterator[Html]:
     """Yield a line for each run of finite values; a single value is a dot."""
     known = np.isfinite(x) & np.isfinite(y)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(np.int8)))
-    for first, last in edges.reshape(-1, 2).tolist():
+    for first, last in runs_of(known).tolist():
         pairs = zip(x[first:last].tolist(), y[first:last].tolist(), strict=True)
         points = [(across(a), up(b)) for a, b in pairs]
         if len(points) == 1:

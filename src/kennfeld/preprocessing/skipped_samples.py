@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.base.arrays import Bool, Float
+from kennfeld.base.arrays import Bool, Float, runs_of
 from kennfeld.base.errors import Finding, Location
 from kennfeld.base.formatting import join_names
 from kennfeld.base.lazy_dataclass import dataclass
@@ -79,10 +79,9 @@ class SkippedSamples:
             channels.get(n, n): int(np.count_nonzero(skips & ~np.isfinite(x[here]))) for n, x in bound.inputs.items()
         }
         inputs = {name: count for name, count in missing.items() if count}
-        # first sample of each gap and first one after it, in turn
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], skips, [False]]).astype(np.int8)))
-        gaps = tuple(_gap(time, int(first), int(end) - 1) for first, end in edges.reshape(-1, 2)[:MAX_GAPS])
-        return cls(dataset.name, skips.size, int(np.count_nonzero(skips)), inputs, edges.size // 2, gaps, restarts)
+        runs = runs_of(skips)
+        gaps = tuple(_gap(time, first, end - 1) for first, end in runs[:MAX_GAPS].tolist())
+        return cls(dataset.name, skips.size, int(np.count_nonzero(skips)), inputs, len(runs), gaps, restarts)
 
     def joined(self, other: "SkippedSamples | None") -> "SkippedSamples":
         """Return both together, without the places of the gaps."""

@@ -20,6 +20,8 @@ def numbered(problem: Problem) -> tuple[Problem, tuple[str, ...]]:
     The data of no recording of the training, such as test data, have the number behind the last one. With too few or
     too many recordings, or with data in partitions, the problem stays as it is and has no names.
     """
+    if not can_be_numbered(problem):
+        return problem, ()
     names: list[str] = []
     columns: list[Float] = []
     for data in problem.datasets:
@@ -29,11 +31,17 @@ def numbered(problem: Problem) -> tuple[Problem, tuple[str, ...]]:
                 numbers[first:last] = len(names)
                 names.append(name)
         columns.append(numbers)
-    if not FEWEST <= len(names) <= MOST or problem.partitions is not None:
-        return problem, ()
     filled = (Channel(RECORDING, np.nan_to_num(numbers, nan=len(names))) for numbers in columns)
     datasets = (data.with_channels(channel) for data, channel in zip(problem.datasets, filled, strict=True))
     return replace(problem, datasets=tuple(datasets)), tuple(names)
+
+
+def can_be_numbered(problem: Problem) -> bool:
+    """Return whether `numbered` numbers the recordings of a problem."""
+    if problem.partitions is not None:
+        return False
+    count = sum(1 for data in problem.fitted_datasets if data.samples for _ in _spans(data))
+    return FEWEST <= count <= MOST
 
 
 def _spans(data: Dataset) -> Iterator[tuple[str, int, int]]:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 
 import numpy as np
 
@@ -16,7 +15,6 @@ from kennfeld.app.session.view import View
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import ArgumentError, KennfeldError
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.optimize.quality.quality import Scorer
 from kennfeld.optimize.quality.recording_quality import RecordingQuality
 
 MAX_SIGNALS = 100  # that are drawn at once
@@ -155,35 +153,26 @@ def file_errors(session: Session, asked: AskedErrors) -> FileErrors:
     for number, (file, values) in enumerate(zip(files, errors, strict=True)):
         lines[str(number)] = file_line(view, file, values, pixels)
         lines[f"bins {number}"] = histogram(values, edges).astype(np.float64)
-    quality = _quality(session, view, asked.criterion)
+    quality = _quality(view, asked.criterion)
     return FileErrors(
         criterion=node,
         unit=view.model.unit(asked.criterion),
-        files=[_row(view, file, quality.get((file.recording, file.name))) for file in files],
+        files=[_row(view, file, quality.get((file.recording, file.path))) for file in files],
         reach=float(edges[-1]),
         shifts=_shifts(session, view),
         lines=lines,
     )
 
 
-def _quality(session: Session, view: View, criterion: int) -> dict[tuple[int, str], RecordingQuality]:
-    """Return the errors that a run reports, by dataset and file; of data in partitions, those of the excerpt."""
+def _quality(view: View, criterion: int) -> dict[tuple[int, str], RecordingQuality]:
+    """Return the errors that a run reports, by dataset and path; of data in partitions, those of the excerpt."""
     problem = view.model.problem
-    own = problem if problem.partitions is None else replace(problem, partitions=None)
-    rows = Scorer(own).scores(view.start.parameters, view.now.parameters).recordings
-    names = [recording.name for recording in view.model.recordings]
-    by_place: dict[tuple[int, str], RecordingQuality] = {}
-    # rows come dataset by dataset, by criterion, by file; datasets may have the same name
-    files = iter(rows)
-    for number, recording in enumerate(view.model.recordings):
-        spans = recording.bound.dataset.files
-        count = 1 if spans is None else sum(1 for size in spans.sizes(recording.bound.dataset.samples) if size > 0)
-        for each in range(len(problem.criteria)):
-            for _ in range(count):
-                row = next(files, None)
-                if row is not None and each == criterion and row.dataset == names[number]:
-                    by_place[number, row.file or ""] = row
-    return by_place
+    node = problem.criteria[criterion].node
+    return {
+        (number, file.name): file.quality(criterion, node, data, None)
+        for number, (data, sums) in enumerate(zip(problem.datasets, view.file_sums, strict=True))
+        for file in sums.files
+    }
 
 
 def _row(view: View, file: FileSpan, row: RecordingQuality | None) -> FileRow:
@@ -194,7 +183,7 @@ def _row(view: View, file: FileSpan, row: RecordingQuality | None) -> FileRow:
     for name in read:
         if name in dataset:
             missing |= np.isnan(dataset[name].values[file.first : file.last])
-    gaps = find_gaps(view, file, np.where(missing, np.nan, 0.0))
+    gaps = find_gaps(view, file, missing)
     worst = None if row is None else row.worst
     return FileRow(
         dataset=file.recording,
@@ -253,9 +242,10 @@ def _facts(view: View, signal: SignalName, files: Sequence[FileSpan], values: Se
     gaps = {}
     for number, (file, own) in enumerate(zip(files, values, strict=True)):
         # a file without the channel has no gap in it
-        found = find_gaps(view, file, own) if signal.kind == "channel" and np.isfinite(own).any() else []
-        if found:
-            gaps[number] = [(gap.begin, gap.end) for gap in found[:MAX_GAPS]]
+        is_recorded = signal.kind == "channel" and np.isfinite(own).any()
+        missing = find_gaps(view, file, np.isnan(own)) if is_recorded else []
+        if missing:
+            gaps[number] = [(gap.begin, gap.end) for gap in missing[:MAX_GAPS]]
     return SignalFacts(
         name=signal.name,
         unit=_unit(view, signal),

@@ -290,8 +290,8 @@ def _found(findings: DesignFindings, *, old: bool, seconds: float) -> FoundDesig
 def _segments(design: Design) -> list[SegmentRow]:
     course = [*design.course, *[float("nan")] * len(design.segments)]
     return [
-        SegmentRow(each.file, each.begin, each.end, each.settles, finite(left))
-        for each, left in zip(design.segments, course, strict=False)
+        SegmentRow(each.file, each.begin, each.end, each.settles, finite(variance))
+        for each, variance in zip(design.segments, course, strict=False)
     ]
 
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from kennfeld.app.answer import finite
-from kennfeld.app.questions.recordings import used_numbers
+from kennfeld.app.questions.recordings import used_entries
 from kennfeld.app.session.distributions import thin
 from kennfeld.app.session.evidence import Informing
 from kennfeld.app.session.selection import both, check_clock, condition, outside, stretch_in_other_data
@@ -202,7 +202,7 @@ def conditions(session: Session, asked: AskedConditions) -> BrushedConditions:
 
 def _where(session: Session, number: int) -> str:
     """Return the condition of a dataset in the project file."""
-    entry = session.settings["dataset"][used_numbers(session)[number] - 1]
+    entry = [*used_entries(session).values()][number]
     return str(entry.get("where", ""))
 
 

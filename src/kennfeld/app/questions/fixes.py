@@ -5,7 +5,6 @@ from dataclasses import replace
 from typing import Any
 
 from kennfeld.app.session.session import Session
-from kennfeld.app.session.state import SetKeys
 from kennfeld.base.errors import ArgumentError, Finding, Fix
 from kennfeld.base.lazy_dataclass import dataclass
 
@@ -47,8 +46,7 @@ def apply_fix(session: Session, asked: ChosenFix) -> None:
     if fix.options and asked.option not in fix.options:
         raise ArgumentError(f"{fix.title}: choose one of {', '.join(fix.options[:10])}")
     chosen = _with_option(fix, asked.option) if fix.options else fix
-    name = session.path.name
-    session.do(SetKeys(chosen.title, name, chosen.changes, session.saved.texts.get(name, "")))
+    session.do(session.key_command(chosen.title, chosen.changes))
 
 
 def _with_option(fix: Fix, option: str) -> Fix:

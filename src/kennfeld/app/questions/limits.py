@@ -7,6 +7,7 @@ import numpy as np
 from kennfeld.analysis.limit_margins import active_constraints, output_ranges
 from kennfeld.app.answer import finite
 from kennfeld.app.questions.comparison import ComparedValues
+from kennfeld.app.questions.parameters import describe_axes
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.taking import values_of
 from kennfeld.base.lazy_dataclass import dataclass
@@ -104,11 +105,8 @@ def _pins(problem: Problem, values: ParameterSet) -> Iterator[_Limit]:
 
 def _shape_text(problem: Problem, shape: Shape) -> tuple[str, str, str]:
     table = problem.parameters[shape.parameter]
-    inputs = [axis.input for axis in table.index_axes]
-    inputs = [
-        own or other for own, other in zip(inputs, (*coordinates_of(problem.graph, shape.parameter), ""), strict=False)
-    ]
-    axis = next(iter(inputs[shape.axis : shape.axis + 1]), "") or AXIS_LETTERS[shape.axis]
+    axes = describe_axes(table, coordinates_of(problem.graph, shape.parameter))
+    axis = axes[shape.axis].input or AXIS_LETTERS[shape.axis]
     return shape.parameter, f"{shape.kind} along {axis} {_range(shape.lower, shape.upper)}", ""
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from kennfeld.analysis.missing.probes import Nodes
 from kennfeld.analysis.missing.proposal import RmseChange, TermProposal
 from kennfeld.analysis.missing.proposing import SearchScope
-from kennfeld.analysis.missing.recordings import numbered
+from kennfeld.analysis.missing.recordings import can_be_numbered
 from kennfeld.analysis.missing.terms import KINDS, OF_CHANNELS, Kind, describe
 from kennfeld.app.answer import finite, finite_list
 from kennfeld.app.questions.recordings import channel_ranges, recorded_channels
@@ -259,7 +259,7 @@ def missing(session: Session) -> MissingTerms:
 
 def _is_possible(kind: Kind, problem: Problem, *, timed: bool) -> bool:
     if kind == "offset":
-        return bool(numbered(problem)[1])
+        return can_be_numbered(problem)
     return timed or kind in OF_CHANNELS
 
 
@@ -267,10 +267,7 @@ def _channels(session: Session) -> list[TermChannel]:
     view, project = session.require_view(), session.project
     assert project is not None
     problem = view.model.problem
-    ranges = channel_ranges(session)
-    units = {channel.name: channel.unit for data in problem.datasets for channel in data.channels}
-    for number in range(len(project.file.datasets)):
-        units |= {name: unit for name, unit in recorded_channels(session, number).items() if name not in units}
+    ranges, units = channel_ranges(session), _channel_units(session)
     targets = {criterion.target.name for criterion in problem.criteria if criterion.target.kind != "number"}
     known = [name for data in problem.datasets if data.use == "training" for name in data]
     rows = []
@@ -282,6 +279,16 @@ def _channels(session: Session) -> list[TermChannel]:
     return rows
 
 
+def _channel_units(session: Session) -> dict[str, str]:
+    """Return the units of all channels of the recordings; those of the problem are as its settings state them."""
+    view, project = session.require_view(), session.project
+    assert project is not None
+    units = {channel.name: channel.unit for data in view.model.problem.datasets for channel in data.channels}
+    for number in range(len(project.file.datasets)):
+        units |= {name: unit for name, unit in recorded_channels(session, number).items() if name not in units}
+    return units
+
+
 @while_unchanged(256)
 def _channels_of_file(path: str) -> list[str]:
     for file in recording_files(path):
@@ -290,19 +297,19 @@ def _channels_of_file(path: str) -> list[str]:
 
 
 def _found(findings: TermFindings, *, old: bool, seconds: float) -> FoundTerms:
-    found = findings.found
+    outcome = findings.found
     return FoundTerms(
         old=old,
-        status=found.status,
-        message=found.message,
-        smallest=finite(found.smallest_effect),
-        unit=found.unit,
-        candidates=found.candidates,
+        status=outcome.status,
+        message=outcome.message,
+        smallest=finite(outcome.smallest_effect),
+        unit=outcome.unit,
+        candidates=outcome.candidates,
         stopped=findings.stopped,
-        proposals=[_row(proposal) for proposal in found.proposals],
-        rejected=found.rejected,
-        excluded=list(found.excluded.items()),
-        remarks=found.remarks,
+        proposals=[_row(proposal) for proposal in outcome.proposals],
+        rejected=outcome.rejected,
+        excluded=list(outcome.excluded.items()),
+        remarks=outcome.remarks,
         seconds=seconds,
     )
 
@@ -383,7 +390,7 @@ def term(session: Session, asked: AskedTerm) -> ShownTerm:
     return ShownTerm(
         parameter="" if parameter is None else parameter.name,
         input="recording" if kind == "offset" else own.term.channel,
-        input_unit=next((c.unit for c in _channels(session) if c.name == own.term.channel), ""),
+        input_unit=_channel_units(session).get(own.term.channel, ""),
         # recordings count from 1, as the parameter will
         points=tuple(point + 1 for point in own.term.breakpoints) if kind == "offset" else own.term.breakpoints,
         now=_numbers(parameter.values) if parameter is not None else [],

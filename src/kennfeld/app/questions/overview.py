@@ -9,7 +9,7 @@ import numpy as np
 from kennfeld.app.answer import finite
 from kennfeld.app.questions.fixes import FixRow, fix_rows
 from kennfeld.app.questions.pictures import thumbnail
-from kennfeld.app.questions.recordings import used_numbers
+from kennfeld.app.questions.recordings import used_entries
 from kennfeld.app.recent import project_id
 from kennfeld.app.session.live_model import LiveDataset
 from kennfeld.app.session.reference import (
@@ -312,10 +312,10 @@ def overview(session: Session) -> AppState:
     )
     if session.view is not None:
         return _with_view(state, session, session.view)
-    if session.function is None:
+    function = session.function  # is parsed each time
+    if function is None:
         return state
-    graph = session.function.graph
-    return replace(state, nodes=_nodes(graph), inputs=graph.inputs)
+    return replace(state, nodes=_nodes(function.graph), inputs=function.graph.inputs)
 
 
 def _search(work: SideWork[Any]) -> SearchState:
@@ -356,7 +356,7 @@ def _with_view(state: AppState, session: Session, view: View) -> AppState:
 
 def _numbers(session: Session, view: View) -> Sequence[int]:
     """Return the numbers of the datasets in the project file, which may have other ones since it has errors."""
-    numbers, count = used_numbers(session), len(view.model.recordings)
+    numbers, count = [*used_entries(session)], len(view.model.recordings)
     return numbers if len(numbers) == count else range(1, count + 1)
 
 

@@ -10,8 +10,7 @@ from kennfeld.app.session.cell_keys import lock_changes, pin_changes, pinned_cel
 from kennfeld.app.session.reference import choose_reference as choose
 from kennfeld.app.session.reference import deviation_of, reference_set, reference_table
 from kennfeld.app.session.session import Session
-from kennfeld.app.session.state import SetKeys
-from kennfeld.app.session.value_edits import ValueEdit
+from kennfeld.app.session.value_edits import ValueEdit, require_cells
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
@@ -142,7 +141,7 @@ def lock_values(session: Session, asked: CellMark) -> None:
     where = np.zeros(table.size, dtype=bool)
     where[np.array(asked.cells, dtype=np.int64)] = True
     changes = lock_changes(session.settings, table, where.reshape(table.values.shape), locked=asked.on)
-    session.do(SetKeys(asked.title, session.path.name, changes, session.saved.texts.get(session.path.name, "")))
+    session.do(session.key_command(asked.title, changes))
 
 
 def pin_values(session: Session, asked: CellMark) -> None:
@@ -151,13 +150,12 @@ def pin_values(session: Session, asked: CellMark) -> None:
     if asked.on and asked.name not in session.require_view().model.problem.free_names:
         raise ArgumentError(f"{asked.name} is fixed: set it free to pin values of it")
     changes = pin_changes(session.settings, table, asked.cells, pinned=asked.on)
-    session.do(SetKeys(asked.title, session.path.name, changes, session.saved.texts.get(session.path.name, "")))
+    session.do(session.key_command(asked.title, changes))
 
 
 def _table_of(session: Session, asked: CellMark, parameters: ParameterSet) -> Parameter:
     if asked.name not in parameters:
         raise ArgumentError(f"{asked.name[:100]} is not a parameter of the project")
     table = parameters[asked.name]
-    if not all(0 <= cell < table.size for cell in asked.cells):
-        raise ArgumentError(f"{asked.name} has {table.size} values, none with the number {max(asked.cells)}")
+    require_cells(table, asked.cells)
     return table

@@ -153,13 +153,9 @@ def _entries(session: Session) -> list[Mapping[str, Any]]:
     return [entry for entry in entries if isinstance(entry, dict)] if isinstance(entries, list) else []
 
 
-def used_numbers(session: Session) -> list[int]:
-    """Return the numbers, from 1 on, of the datasets in the project file that are not off, in order."""
-    return [number for number, entry in enumerate(_entries(session), 1) if entry.get("use") != "off"]
-
-
-def _used(session: Session) -> list[Mapping[str, Any]]:
-    return [entry for entry in _entries(session) if entry.get("use") != "off"]
+def used_entries(session: Session) -> dict[int, Mapping[str, Any]]:
+    """Return the datasets in the project file that are not off, in order, by their numbers from 1 on."""
+    return {number: entry for number, entry in enumerate(_entries(session), 1) if entry.get("use") != "off"}
 
 
 def _paths(folder: Path, entry: Mapping[str, Any]) -> list[str]:
@@ -178,7 +174,7 @@ def recording_names(session: Session) -> list[str]:
 
 def channel_names(session: Session) -> list[str]:
     """Return the names of the channels of all files, each once."""
-    files = (file for entry in _used(session) for file in _described_files(session, entry))
+    files = (file for entry in used_entries(session).values() for file in _described_files(session, entry))
     return list(dict.fromkeys(channel.name for file in files for channel in file.channels))
 
 
@@ -200,7 +196,7 @@ def recorded_channels(session: Session, number: int) -> dict[str, str]:
 
     There, channels that the project does not use cannot be drawn.
     """
-    entries = _used(session)
+    entries = [*used_entries(session).values()]
     if number >= len(entries) or session.reads_partitions:
         return {}
     files = _described_files(session, entries[number])

@@ -109,12 +109,7 @@ def _toml(value: Any) -> Any:
 def set_keys(session: Session, asked: KeysEdit) -> None:
     """Set keys of the project file."""
     changes = [(path, _toml(value)) for path, value in asked.changes]
-    session.do(_command(session, asked.title, changes), asked.drag)
-
-
-def _command(session: Session, title: str, changes: Sequence[KeyChange]) -> SetKeys:
-    name = session.path.name
-    return SetKeys(title, name, changes, session.saved.texts.get(name, ""))
+    session.do(session.key_command(asked.title, changes), asked.drag)
 
 
 def set_toml(session: Session, asked: TomlEdit) -> None:
@@ -125,7 +120,7 @@ def set_toml(session: Session, asked: TomlEdit) -> None:
     """
     path, text = asked.path, asked.text.strip()
     value = parse_value(str(path[-1]), text) if text else None
-    command = _command(session, asked.title, [(path, value)])
+    command = session.key_command(asked.title, [(path, value)])
     refusals = _new_errors(session, command)
     if refusals:
         raise InputError(refusals)

@@ -72,8 +72,8 @@ def storage_keys(session: Session, changes: Mapping[str, float | None], storage:
         keys += [] if "rounding" in calibration else [(("calibration", "rounding"), "joint")]
     else:
         keys += [(("calibration", name), None) for name in ("rounding", "max_shift") if name in calibration]
-    what = f"Storage: {storage or 'none'}" if storage is not None else f"Step of {', '.join(changes)}"
-    return SetKeys(what, session.path.name, keys, session.saved.texts.get(session.path.name, ""))
+    title = f"Storage: {storage or 'none'}" if storage is not None else f"Step of {', '.join(changes)}"
+    return session.key_command(title, keys)
 
 
 def _table(value: object) -> Mapping[str, Any]:

@@ -109,13 +109,13 @@ class DesignTask:
         project = Project.read(self.path, self.unsaved)
         tell(WorkStep("reading the recordings"))
         try:
-            made = made_design(
+            proposed = made_design(
                 project, self.request, self.candidates, progress=progress, values=self.values, near=self.near
             )
         finally:
             project.close()
         tell(WorkStep("drawing"))
-        return DesignFindings(self._with_relative_files(made.design), tuple(_tables(made, project)))
+        return DesignFindings(self._with_relative_files(proposed.design), tuple(_tables(proposed, project)))
 
     def _with_relative_files(self, design: Design) -> Design:
         """Name recordings as seen from the project."""
@@ -127,12 +127,12 @@ class DesignTask:
         return Path(file).relative_to(folder).as_posix() if Path(file).is_relative_to(folder) else file
 
 
-def _tables(made: ProjectDesign, project: Project) -> Iterator[DesignedTable]:
-    fitted, design = made.fitted, made.design
+def _tables(proposed: ProjectDesign, project: Project) -> Iterator[DesignedTable]:
+    fitted, design = proposed.fitted, proposed.design
     if fitted is None:
         return
     problem = fitted.problem
-    chosen = _chosen(made, project.file.design.length)
+    chosen = _chosen(proposed, project.file.design.length)
     recorded = problem.fitted_datasets
     for name, after in design.after.items():
         if name not in problem.parameters:
@@ -168,14 +168,14 @@ def _samples(fitted: FittedFunction, name: str, size: int) -> Int:
     return counts if counts.size == size else np.zeros(0, dtype=np.int64)
 
 
-def _chosen(made: ProjectDesign, length: float) -> list[tuple[Dataset, int]]:
+def _chosen(proposed: ProjectDesign, length: float) -> list[tuple[Dataset, int]]:
     """Return each chosen segment as a dataset with the samples of its warm-up, or all chosen points as one."""
-    design, fitted = made.design, made.fitted
+    design, fitted = proposed.design, proposed.fitted
     if design.run is not None and fitted is not None:
         return [(points_dataset(design.run.columns, point_kinds(fitted)[0]), 0)]
     if not design.segments:
         return []
-    timed = [data for data in made.candidates if data.time is not None]
+    timed = [data for data in proposed.candidates if data.time is not None]
     known = {(each.file, each.begin, each.end): each for each in cut_segments(timed, length, design.warmup)}
     picked = [known.get((each.file, each.begin, each.end)) for each in design.segments]
     return [(each.cut(timed[each.dataset]), each.first - each.lead) for each in picked if each is not None]

@@ -8,7 +8,7 @@ import numpy as np
 from kennfeld.app.session.live_model import LiveDataset
 from kennfeld.app.session.signals import SignalName
 from kennfeld.app.session.view import View
-from kennfeld.base.arrays import Bool, Float, Int
+from kennfeld.base.arrays import Bool, Float, Int, runs_of
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.file_spans import FileSpans, short_names
 
@@ -22,7 +22,8 @@ class FileSpan:
 
     Attributes:
         recording: number of the dataset among those that are used.
-        name: of the file, as short as it is unique; empty for data without files.
+        path: of the file, as it was read; empty for data without files.
+        name: of the file, as short as it is unique.
         first: number of its first sample in the dataset.
         last: number behind its last sample.
         begin: time stamp of its first sample in s, as recorded; of data without time 0.
@@ -31,6 +32,7 @@ class FileSpan:
     """
 
     recording: int
+    path: str
     name: str
     first: int
     last: int
@@ -51,15 +53,15 @@ def file_spans(view: View) -> list[FileSpan]:
     """Return the files of all datasets, in order; a dataset without files is one without a name."""
     datasets = [recording.bound.dataset for recording in view.model.recordings]
     spans = [data.files or FileSpans.joined([""], [data.samples]) for data in datasets]
-    names = short_names([name for each in spans for name in each.names])
+    names = short_names([path for each in spans for path in each.names])
     files = []
     for number, (data, each) in enumerate(zip(datasets, spans, strict=True)):
-        for name, start, length in zip(each.names, each.starts.tolist(), each.lengths.tolist(), strict=True):
+        for path, start, length in zip(each.names, each.starts.tolist(), each.lengths.tolist(), strict=True):
             first, last = max(start, 0), min(start + length, data.samples)
             if last <= first:
                 continue
             begin, end = (0.0, float(last - first)) if data.time is None else data.time[[first, last - 1]].tolist()
-            files.append(FileSpan(number, names[name], first, last, begin, end, data.time is not None))
+            files.append(FileSpan(number, path, names[path], first, last, begin, end, data.time is not None))
     return files[:MAX_FILES]
 
 
@@ -115,24 +117,15 @@ def _edges(view: View, file: FileSpan, pixels: int) -> Int:
     return edges
 
 
-def find_gaps(view: View, file: FileSpan, values: Float) -> list[FileGap]:
-    """Return the stretches of a file in which a signal is missing, the longest first."""
-    missing = np.isnan(values)
-    if not missing.any():
-        return []
-    firsts, lasts = _runs(missing)
+def find_gaps(view: View, file: FileSpan, missing: Bool) -> list[FileGap]:
+    """Return the stretches of a file in which values are missing, Bool[samples of the file], the longest first."""
+    firsts, ends = runs_of(missing).T
     time = view.model.recordings[file.recording].bound.dataset.time
     if time is None:
-        gaps = [FileGap(float(first), float(last)) for first, last in zip(firsts, lasts, strict=True)]
+        gaps = [FileGap(float(first), float(end)) for first, end in zip(firsts, ends, strict=True)]
     else:
         here = time[file.first : file.last]
         # from the last value before it to the first one after it
-        begins, ends = here[np.maximum(firsts - 1, 0)], here[np.minimum(lasts, here.size - 1)]
-        gaps = [FileGap(float(begin), float(end)) for begin, end in zip(begins, ends, strict=True)]
+        begins, resumes = here[np.maximum(firsts - 1, 0)], here[np.minimum(ends, here.size - 1)]
+        gaps = [FileGap(float(begin), float(end)) for begin, end in zip(begins, resumes, strict=True)]
     return sorted(gaps, key=lambda gap: gap.begin - gap.end)
-
-
-def _runs(marked: Bool) -> tuple[Int, Int]:
-    """Return the first sample of each run of marked ones, and the one behind its last."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], marked, [False]])))
-    return edges[::2], edges[1::2]

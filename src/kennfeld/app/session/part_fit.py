@@ -6,6 +6,7 @@ from glob import escape
 
 import numpy as np
 
+from kennfeld.app.session.value_edits import require_cells
 from kennfeld.base.arrays import Bool
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
@@ -50,16 +51,15 @@ def part_problem(problem: Problem, part: FittedPart, before: Result | None = Non
     if part.name not in problem.free_names:
         raise ArgumentError(f"{part.name} is fixed: set it free to fit values of it")
     table = problem.parameters[part.name]
+    require_cells(table, part.cells)
     cells = np.array(part.cells, dtype=np.int64)
-    if cells.size and not 0 <= cells.min() <= cells.max() < table.size:
-        raise ArgumentError(f"{part.name} has {table.size} values, none with the number {int(cells.max())}")
-    held = np.ones(table.size, dtype=bool)
-    held[cells] = table.locked.ravel()[cells]
-    if held.all():
+    locked = np.ones(table.size, dtype=bool)
+    locked[cells] = table.locked.ravel()[cells]
+    if locked.all():
         raise ArgumentError(f"{part.title} is locked: unlock it to fit it")
-    parameters = problem.parameters.with_parameters(table.changed(locked=held.reshape(table.values.shape)))
-    # a pin that only concerns held values could not be met if they do not meet it yet
-    pins = tuple(pin for pin in problem.pins if pin.parameter != part.name or not _is_held(pin, table, held))
+    parameters = problem.parameters.with_parameters(table.changed(locked=locked.reshape(table.values.shape)))
+    # a pin that only concerns locked values could not be met if they do not meet it yet
+    pins = tuple(pin for pin in problem.pins if pin.parameter != part.name or not _is_locked(pin, table, locked))
     if before is not None and before.shifts:
         problem = apply_shifts(problem, before.shifts)
     return with_fixed_limits(
@@ -73,8 +73,8 @@ def part_problem(problem: Problem, part: FittedPart, before: Result | None = Non
     )
 
 
-def _is_held(pin: Pin, table: Parameter, held: Bool) -> bool:
-    return bool(held[grid_points(table, pin.at)[0]].all())
+def _is_locked(pin: Pin, table: Parameter, locked: Bool) -> bool:
+    return bool(locked[grid_points(table, pin.at)[0]].all())
 
 
 def _chosen(problem: Problem, before: Result | None, name: str) -> dict[str, Sequence[Factor]]:

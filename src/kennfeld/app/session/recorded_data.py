@@ -45,27 +45,28 @@ class RecordedData:
     def __call__(self, settings: DataSettings, request: ChannelRequest, calculated: Calculated) -> LoadedData:
         """Return the datasets of a project, see `load_datasets`."""
         texts = (settings.datasets, dict(settings.channels), dict(settings.calculated), dict(settings.units), request)
-        key = (repr(texts), *_versions(settings))
+        paths = matching_files(settings)
+        key = (repr(texts), *_versions(paths))
         if key != self._key:
-            self._loaded = load_datasets(settings, request, calculated, self._watch(settings))
+            self._loaded = load_datasets(settings, request, calculated, self._watch(paths))
             self._key, self._recipe = key, (settings, request, calculated)
             self._further.clear()
             return_unused()
         return self._loaded
 
-    def _watch(self, settings: DataSettings) -> ReadingWatch:
+    def _watch(self, paths: Iterable[str]) -> ReadingWatch:
         """Return what tells of each file that has been read."""
-        paths = [file for path in matching_files(settings) for file in recording_files(path)]
-        size = size_of_files(paths)
+        files = [file for path in paths for file in recording_files(path)]
+        size = size_of_files(files)
         done = 0
 
         def watch(_: int, __: int) -> None:
             nonlocal done
             done += 1
-            self._activity.say(f"Reading recordings, {done} of {len(paths)} files", min(1.0, done / len(paths)))
+            self._activity.say(f"Reading recordings, {done} of {len(files)} files", min(1.0, done / len(files)))
 
-        number = count_noun(len(paths), "file")
-        self._activity.say(f"Reading recordings, {number}, {size / 1e6:.3g} MB", 0.0 if len(paths) > 1 else None)
+        number = count_noun(len(files), "file")
+        self._activity.say(f"Reading recordings, {number}, {size / 1e6:.3g} MB", 0.0 if len(files) > 1 else None)
         return watch
 
     def further_channels(self, number: int, dataset: Dataset, names: Collection[str]) -> Mapping[str, Channel]:
@@ -103,7 +104,7 @@ class RecordedData:
         """Raise `ArgumentError` if recordings have changed since they were read: their channels would not match."""
         assert self._recipe is not None
         settings = self._recipe[0]
-        if tuple(_versions(settings)) != self._key[1:]:
+        if tuple(_versions(matching_files(settings))) != self._key[1:]:
             name = settings.datasets[number].name or ", ".join(settings.datasets[number].files)
             raise ArgumentError(f"the recordings of {name} have changed since they were read: read the project again")
 
@@ -140,9 +141,9 @@ def size_of_files(paths: Iterable[Path | str]) -> int:
     return size
 
 
-def _versions(settings: DataSettings) -> Iterator[tuple[str, str]]:
+def _versions(paths: Iterable[str]) -> Iterator[tuple[str, str]]:
     """Yield each recording and each database of bus logs with what tells it from others under its path."""
-    for path in matching_files(settings):
+    for path in paths:
         files = recording_files(path)
         for file in files:
             note_opened(file)

@@ -3,7 +3,7 @@
 import itertools
 import queue
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +19,8 @@ from kennfeld.app.session.live_model import LiveDataset, LiveModel, LiveScore
 from kennfeld.app.session.part_fit import FittedPart, part_options, part_problem
 from kennfeld.app.session.partitioned_data import PartitionedData, count_samples
 from kennfeld.app.session.proposal import read_function
-from kennfeld.app.session.recorded_data import RecordedData, matching_files
+from kennfeld.app.session.read_files import ReadFiles
+from kennfeld.app.session.recorded_data import RecordedData
 from kennfeld.app.session.recovery import Recovery
 from kennfeld.app.session.reference_set import ReferenceSet
 from kennfeld.app.session.rounding import SetRounding
@@ -46,7 +47,6 @@ from kennfeld.base.arrays import Float
 from kennfeld.base.atomic_files import write_whole
 from kennfeld.base.dask_runner import ClusterAddress, DaskRunner
 from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
-from kennfeld.base.file_state import FileVersion, opened_files
 from kennfeld.base.output_paths import within
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.domain.free_axes import AXIS_LABEL
@@ -59,7 +59,6 @@ from kennfeld.optimize.fit.result import TraceLine
 from kennfeld.project import Project
 from kennfeld.project.consent import consent_requests, scheduler_request
 from kennfeld.project.document import ProjectDocument
-from kennfeld.project.schema import ProjectFile
 
 _T = TypeVar("_T")  # Python 3.11
 
@@ -91,12 +90,11 @@ class Session:
         self.view: View | None = None  # of the last texts without errors
         self.stale = False  # the texts have errors since
         self.undecided: tuple[ConsentRequest, ...] = ()  # what may not run or be used yet
-        self._opened: list[FileVersion] = []  # the files that the project was read from
+        self._read_files = ReadFiles(path.parent)
         self._read_again: tuple[
             Finding, ...
         ] = ()  # files that have been read again, but not because the user asked for it
         self._function: tuple[int, Model | None] | None = None  # of another tool, by the revision of the texts
-        self._matching: tuple[ProjectFile, tuple[str, ...]] | None = None  # and those that its patterns matched
         self._data: RecordedData | PartitionedData = RecordedData(self._activity)
         self.interrupted = False  # the user has stopped the reading of the recordings
         self.last: tuple[LiveScore, ...] = ()  # before the last change, whatever was evaluated since
@@ -159,6 +157,11 @@ class Session:
         """
         joined = self.history.joins(drag)
         self._change(lambda: self.history.do(command, drag, tables), joined=joined)
+
+    def key_command(self, title: str, changes: Sequence[tuple[Sequence[str | int], Any]]) -> SetKeys:
+        """Return a command that sets keys of the project file; a value that was saved gets its notation back."""
+        name = self.path.name
+        return SetKeys(title, name, changes, self.saved.texts.get(name, ""))
 
     def edit(self, edit: ValueEdit) -> None:
         """Edit values of a parameter; during a calibration, whose values replace the present ones, at its end.
@@ -269,9 +272,7 @@ class Session:
     @property
     def subject(self) -> tuple[object, ...]:
         """The values, texts and files that an outcome is about; equal to that of a state to which an undo leads."""
-        own = {self.path.parent / name for name in self.state.texts}
-        files = sorted((str(file.path), file.times) for file in self._opened if file.path not in own)
-        return self.state, tuple(files)
+        return self.state, self._read_files.versions({self.path.parent / name for name in self.state.texts})
 
     @property
     def checkpoints(self) -> RunCheckpoints:
@@ -292,7 +293,7 @@ class Session:
 
     def close(self) -> None:
         """End a running calibration, training or search."""
-        for work in (self.training, self.term_search, self.design_work):
+        for work in self._works:
             work.stop()
         if self._running is not None:
             self._running.kill()
@@ -376,11 +377,14 @@ class Session:
     @property
     def unsaved_texts(self) -> dict[str, str]:
         """Return the texts that differ from the saved ones, as they are read from files: without mark and with LF."""
-        edited = self._edited_texts()
+        return self._unsaved_texts(self.state)
+
+    def _unsaved_texts(self, state: SessionState) -> dict[str, str]:
+        edited = self._edited_texts(state)
         return {name: text.removeprefix("\ufeff").replace("\r\n", "\n") for name, text in edited.items()}
 
-    def _edited_texts(self) -> dict[str, str]:
-        return {name: text for name, text in self.state.texts.items() if text != self.saved.texts.get(name)}
+    def _edited_texts(self, state: SessionState) -> dict[str, str]:
+        return {name: text for name, text in state.texts.items() if text != self.saved.texts.get(name)}
 
     def note_shown(self, file: str, text: str) -> None:
         """Note the text of a file that a page shows, from which its edits begin."""
@@ -410,8 +414,12 @@ class Session:
     @property
     def is_busy(self) -> bool:
         """True while a calibration, a training or a search runs."""
-        works = (self.training, self.term_search, self.design_work)
-        return self._running is not None or any(work.state == "running" for work in works)
+        return self._running is not None or any(work.state == "running" for work in self._works)
+
+    @property
+    def _works(self) -> tuple[SurrogateTraining | SideWork[Any], ...]:
+        """The work beside the calibration."""
+        return self.training, self.term_search, self.design_work
 
     @property
     def has_edits(self) -> bool:
@@ -458,10 +466,8 @@ class Session:
         Raises:
             InputError: it would have errors.
         """
-        texts = command.apply(self.state).texts
-        edited = {name: text for name, text in texts.items() if text != self.saved.texts.get(name)}
-        plain = {name: text.removeprefix("\ufeff").replace("\r\n", "\n") for name, text in edited.items()}
-        return self._with_data(Project.read(self.path, plain))
+        texts = self._unsaved_texts(command.apply(self.state))
+        return self._with_data(Project.read(self.path, texts))
 
     @property
     def initial_names(self) -> list[str]:
@@ -473,7 +479,7 @@ class Session:
     @property
     def conflicts(self) -> list[Conflict]:
         """The files that saving would replace although another program has changed them since they were read."""
-        names, values = [*self._edited_texts()], self._changed_values()
+        names, values = [*self._edited_texts(self.state)], self._changed_values()
         if values is not None:
             names += [VALUES, *([self.path.name] if self._naming(self.state.values) else [])]
         return self._files.conflicts(names, self.state.texts)
@@ -500,15 +506,14 @@ class Session:
         folder = self.path.parent
         try:
             # all paths are checked before the first file is written
-            targets = {within(folder, name): text for name, text in self._edited_texts().items()}
+            targets = {within(folder, name): text for name, text in self._edited_texts(self.state).items()}
             target = within(folder, VALUES)
             for path, text in targets.items():
                 # as bytes, so that line ends stay as they are
                 write_whole(path, text.encode())
             if values is not None:
                 write_parameters(values, target)
-                # what the session wrote itself is not a change by another program
-                self._opened = [file.now() if file.path == target else file for file in self._opened]
+                self._read_files.note_written(target)
         except OSError as error:
             message = f"cannot be written: {error.strerror or error}"
             raise InputError.of(Location(str(error.filename or folder)), message, "Check the permissions.") from None
@@ -528,26 +533,15 @@ class Session:
         return (*self._files.changed(self.state.texts), *self._data_changes())
 
     def _data_changes(self) -> list[DiskChange]:
-        """Return the files, but for texts that are edited here, that have changed since the project was read from them.
-
-        Those that match a pattern of the project now, or do not any more, are among them.
-        """
-        folder, own = self.path.parent, {self.path.parent / name for name in self.saved.texts}
-        opened = [file for file in self._opened if file.path not in own and not file.is_present]
-        changes = {file.path: DiskChange.of(file.path, folder, file) for file in opened}
-        if self._matching is not None:
-            file, before = self._matching
-            for path in sorted(set(before).symmetric_difference(matching_files(file))):
-                own_path = Path(path).absolute()
-                changes.setdefault(own_path, DiskChange.of(own_path, folder))
-        return list(changes.values())
+        """Return the files, but for texts that are edited here, that have changed since the project was read."""
+        return self._read_files.changes({self.path.parent / name for name in self.saved.texts})
 
     def reload(self) -> None:
         """Take over the texts on disk, as a command that can be undone."""
         folder = self.path.parent
         texts = {name: text_or_none(folder / name) for name in self.state.texts}
         self._files.read(texts)
-        self._opened, self._matching, self._read_again = [], None, ()  # the user has seen what has changed
+        self._forget_changes()
         # what is on disk is the saved state, also after an undo
         self.saved = SessionState({name: text for name, text in texts.items() if text is not None}, self.saved.values)
         if texts != self.state.texts:
@@ -606,8 +600,13 @@ class Session:
 
     def refresh(self) -> None:
         """Read the project again, after files that it names have changed."""
-        self._opened, self._matching, self._read_again = [], None, ()  # the changes are known
+        self._forget_changes()
         self._assemble()
+
+    def _forget_changes(self) -> None:
+        """Forget what has changed on disk since the project was read: the user knows."""
+        self._read_files.forget()
+        self._read_again = ()
 
     def allow_code(self, digests: Collection[str]) -> None:
         """Keep that the user allows files with these contents to run, or these addresses, and evaluate the project."""
@@ -626,16 +625,15 @@ class Session:
             )
             for each in self._data_changes()
         )
-        with opened_files() as opened:
+        with self._read_files.note():
             self._read_project()
-        self._opened = [FileVersion.seen(*item) for item in opened.items() if not item[0].is_dir()]
 
     def _read_project(self) -> None:
         self.revision = self.text_revision = next(_REVISIONS)
-        self.undecided, self._matching, self.interrupted = (), None, False
+        self.undecided, self.interrupted = (), False
         try:
             project = Project.read(self.path, self.unsaved_texts)
-            self._matching = project.file, matching_files(project.file)
+            self._read_files.note_matching(project.file)
             self._require_consent(project)
             project = self._with_data(project)
             self.project, self._own_findings = project, (*self._read_again, *project.check())

@@ -5,7 +5,6 @@ larger. An estimate that fits the values at each shift is `shift = "auto"`, see 
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -15,8 +14,15 @@ from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.dataset import Dataset
 from kennfeld.optimize.quality.quality import Scorer
-from kennfeld.optimize.tuning.shift_estimation import EDGE_DISTANCE, MIN_LIKELIHOOD_RATIO, NEIGHBOURHOOD, WINDOW
-from kennfeld.preprocessing.time_shift import inside_pieces, shift_channels
+from kennfeld.optimize.tuning.shift_estimation import (
+    EDGE_DISTANCE,
+    MIN_LIKELIHOOD_RATIO,
+    NEIGHBOURHOOD,
+    exclude_ends,
+    half_width,
+    sample_time,
+)
+from kennfeld.preprocessing.time_shift import shift_channels
 
 MAX_SAMPLES = 100_000  # that are simulated for each shift
 
@@ -57,11 +63,11 @@ def scan_shift(view: View, channel: str, criterion: int) -> ShiftScan:
         raise ArgumentError(f"{channel[:100]} is in no training data with time stamps")
     if not 0 <= criterion < len(problem.criteria):
         raise ArgumentError(f"there is no criterion {criterion + 1}")
-    step = min(_step(data) for data in datasets)
-    longest = max(int(np.diff([*data.starts, data.samples]).max()) for data in datasets)
-    most = min(WINDOW, max(longest // 4, 1))
+    step = min(sample_time(data) for data in datasets)
+    most = max(half_width(data) for data in datasets)
     lags = np.arange(-most, most + 1, dtype=np.float64)
-    scored = [_inner(data, most) for data in _some(datasets)]
+    # scored only where every shift leaves samples available
+    scored = [exclude_ends(data, most) for data in _some(datasets)]
     scorer = Scorer(problem.over(scored))
     errors = [_errors(view, scorer, scored, {channel: float(lag * step)}, criterion) for lag in lags]
     known = np.isfinite(errors).all(axis=0)
@@ -69,11 +75,6 @@ def scan_shift(view: View, channel: str, criterion: int) -> ShiftScan:
         raise ArgumentError(f"no sample is scored at all shifts of {channel[:100]}")
     kept = np.array(errors)[:, known]
     return _judge(lags, step, np.mean(kept**2, axis=1), kept)
-
-
-def _step(data: Dataset) -> float:
-    assert data.time is not None
-    return float(np.median(np.delete(np.diff(data.time), data.starts[1:] - 1))) if data.samples > 1 else 1.0
 
 
 def _some(datasets: Sequence[Dataset]) -> Iterator[Dataset]:
@@ -84,11 +85,6 @@ def _some(datasets: Sequence[Dataset]) -> Iterator[Dataset]:
         if count > MAX_SAMPLES and count > data.samples:
             return
         yield data
-
-
-def _inner(data: Dataset, most: int) -> Dataset:
-    """Score only samples that every shift leaves available."""
-    return replace(data, scored=data.counting & inside_pieces(data, most, 0, data.samples))
 
 
 def _errors(view: View, scorer: Scorer, datasets: Sequence[Dataset], shift: dict[str, float], criterion: int) -> Float:

@@ -118,18 +118,18 @@ class TermTask:
             project.close()
 
 
-def _findings(found: TermProposals, pictures: dict[str, TermPicture]) -> TermFindings:
+def _findings(outcome: TermProposals, pictures: dict[str, TermPicture]) -> TermFindings:
     """Return proposals as they are sent, with pictures; those that were drawn before are not computed again."""
     values = []
-    for proposal in found.proposals:
-        assert found.problem is not None
+    for proposal in outcome.proposals:
+        assert outcome.problem is not None
         assert proposal.fit is not None
         if proposal.change not in pictures:
-            pictures[proposal.change] = term_picture(found.problem, proposal)
+            pictures[proposal.change] = term_picture(outcome.problem, proposal)
         values.append(proposal.fit.parameters)
-    plain = tuple(replace(proposal, fit=None) for proposal in found.proposals)
-    drawn = tuple(pictures[proposal.change] for proposal in found.proposals)
-    return TermFindings(replace(found, proposals=plain, problem=None), drawn, tuple(values))
+    plain = tuple(replace(proposal, fit=None) for proposal in outcome.proposals)
+    drawn = tuple(pictures[proposal.change] for proposal in outcome.proposals)
+    return TermFindings(replace(outcome, proposals=plain, problem=None), drawn, tuple(values))
 
 
 def term_picture(problem: Problem, proposal: TermProposal) -> TermPicture:

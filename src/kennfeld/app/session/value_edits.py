@@ -18,6 +18,12 @@ from kennfeld.domain.parameters import Parameter
 DIGITS = 12  # of the result of arithmetic, so that 0.1 added ten times is 1
 
 
+def require_cells(table: Parameter, cells: Sequence[int]) -> None:
+    """Raise `ArgumentError` unless a table has values with these numbers."""
+    if not all(0 <= cell < table.size for cell in cells):
+        raise ArgumentError(f"{table.name} has {table.size} values, none with the number {max(cells)}")
+
+
 @dataclass(frozen=True)
 class ValueEdit:
     """An edit of values of a parameter.
@@ -46,9 +52,8 @@ class ValueEdit:
         Raises:
             ArgumentError: the table has fewer values, or the number of values that are set is another one.
         """
+        require_cells(table, self.cells)
         cells = np.array(self.cells, dtype=np.int64)
-        if cells.size and not 0 <= cells.min() <= cells.max() < table.size:
-            raise ArgumentError(f"{self.name} has {table.size} values, none with the number {int(cells.max())}")
         if self.kind == "set" and len(self.values) != cells.size:
             raise ArgumentError(f"{cells.size} values of {self.name} are set, {len(self.values)} are given")
         values = table.values.ravel().copy()

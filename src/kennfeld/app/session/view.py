@@ -1,6 +1,6 @@
 """A project that could be read, at the present values."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 from kennfeld.app.session.edited_values import with_edits
@@ -10,6 +10,8 @@ from kennfeld.app.session.signals import GridPoint, ReadChannels, Signals
 from kennfeld.base.arrays import Bool, Float, Int
 from kennfeld.base.errors import Finding
 from kennfeld.domain.parameters import Parameter
+from kennfeld.optimize.quality.quality import Scorer
+from kennfeld.optimize.quality.recording_sums import RecordingSums
 
 
 class View:
@@ -34,6 +36,14 @@ class View:
         """The lookups at the present values."""
         return Evidence(self.model, self.now.parameters)
 
+    @cached_property
+    def file_sums(self) -> Sequence[RecordingSums]:
+        """The errors over the files of each dataset at the initial and at the present values, as a run sums them."""
+        sums = Scorer(self.model.problem).sums(self.start.parameters, self.now.parameters)
+        for each in sums:
+            each.recordings.close()
+        return [each.recordings for each in sums]
+
     def _informed(self, recording: LiveDataset, point: GridPoint) -> Bool:
         """Mark the samples of a dataset whose lookup gives a value of a table a weight."""
         return self.evidence.informed(recording, point.parameter, point.value) > 0
@@ -45,8 +55,9 @@ class View:
         parameters, findings = with_edits(initial, values, tables)
         self.now = self.start if parameters is initial else self.model.evaluate(parameters)
         self.signals.follow(self.now)
-        # a cached property at the values before
-        self.__dict__.pop("evidence", None)
+        # cached properties at the values before
+        for name in ("evidence", "file_sums"):
+            self.__dict__.pop(name, None)
         moved = any(not table.has_grid_of(before[table.name]) for table in parameters.parameters)
         # counts stay the same if no lookup can have moved
         if moved or not self.model.unmoved.issuperset(self.samples):

@@ -222,8 +222,7 @@ def _scored_errors(bound: BoundDataset, target: Float, before: Float, after: Flo
 def _recordings(problem: Problem, pairs: Sequence[tuple[Dataset, "_PartSums"]]) -> Iterator[RecordingQuality]:
     names = short_names([file.name for _, part in pairs for file in part.recordings.files])
     for data, part in pairs:
-        for file in part.recordings.files:
-            file.close()
+        part.recordings.close()
         for number, criterion in enumerate(problem.criteria):
             for file in part.recordings.files:
                 yield file.quality(number, criterion.node, data, names[file.name] or None)

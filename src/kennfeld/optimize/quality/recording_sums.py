@@ -129,6 +129,11 @@ class RecordingSums:
         files = whole.files or FileSpans.joined([""], [whole.samples])
         return cls(list(_file_sums(files.cut(part.begin, part.end), part, errors)))
 
+    def close(self) -> None:
+        """Replace the sums over bins by the worst stretches, once all samples have arrived."""
+        for file in self.files:
+            file.close()
+
     def merge(self, later: "RecordingSums") -> None:
         """Take in the sums over later samples."""
         rest = list(later.files)

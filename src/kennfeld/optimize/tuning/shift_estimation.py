@@ -182,7 +182,7 @@ def estimate_shifts(problem: Problem) -> EstimatedShifts:
     for at, lag in zip(sought, lags, strict=True):
         data = scanned.datasets[at.dataset]
         # rounds off the noise of the last digits; -0 becomes 0
-        shifts.setdefault(data.name, {})[at.channel] = float(f"{lag * _step(data):.6g}") + 0.0
+        shifts.setdefault(data.name, {})[at.channel] = float(f"{lag * sample_time(data):.6g}") + 0.0
     for data in problem.datasets:
         for channel in problem.unknown_shifts.get(data.name, ()):
             if channel not in shifts.get(data.name, {}):
@@ -253,7 +253,7 @@ class _ShiftSearch:
     def __init__(self, problem: Problem, sought: Sequence[_Sought]) -> None:
         self.problem, self.sought = problem, sought
         data = [problem.datasets[at.dataset] for at in sought]
-        self.most, self.steps = [_half_width(own) for own in data], [_step(own) for own in data]
+        self.most, self.steps = [half_width(own) for own in data], [sample_time(own) for own in data]
         self.widest = [max(most, _greatest_half_width(own)) for most, own in zip(self.most, data, strict=True)]
         self.fits: dict[tuple[SolverSettings, tuple[float, ...]], tuple[float, ParameterSet]] = {}
         self.scans: dict[int, dict[float, float]] = {}
@@ -411,11 +411,12 @@ class _ShiftSearch:
             return replace(self.problem, partitions=self.problem.partitions.shifted(moved, ends))
         data = list(self.problem.datasets)
         for number, own in shifts.items():
-            data[number] = _exclude_ends(shift_channels(data[number], own), margins[number])
+            data[number] = exclude_ends(shift_channels(data[number], own), margins[number])
         return replace(self.problem, datasets=tuple(data))
 
 
-def _half_width(data: Dataset) -> int:
+def half_width(data: Dataset) -> int:
+    """Return half the width of the window in samples: a quarter of the longest piece, at most `WINDOW`."""
     longest = int(np.diff([*data.starts, data.samples]).max())
     return min(WINDOW, max(longest // 4, 1))
 
@@ -428,7 +429,7 @@ def _greatest_half_width(data: Dataset) -> int:
     return min(WIDEST, max(typical // 4, 1))
 
 
-def _exclude_ends(data: Dataset, margin: int) -> Dataset:
+def exclude_ends(data: Dataset, margin: int) -> Dataset:
     """Exclude the ends of the pieces of a dataset from scoring."""
     return replace(data, scored=data.counting & inside_pieces(data, margin, 0, data.samples))
 
@@ -437,7 +438,7 @@ def _with_lag(lags: Sequence[float], which: int, lag: float) -> list[float]:
     return [float(lag) if i == which else other for i, other in enumerate(lags)]
 
 
-def _step(data: Dataset) -> float:
+def sample_time(data: Dataset) -> float:
     """Return the sample time in s; 1 for steady-state data, which count in samples."""
     if data.time is None or data.samples < 2:
         return 1.0
