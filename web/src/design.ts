@@ -2,6 +2,7 @@
 
 import { computed, effect } from "@preact/signals";
 import { newest, type Reply } from "./connection";
+import { flipped } from "./flipped";
 import type { DesignExport, Designs } from "./replies";
 import { scoped } from "./scope";
 import { message, request, screen, settled, state } from "./store";
@@ -86,9 +87,7 @@ export function settle(number: number): void {
 }
 
 export function flipName(name: string): void {
-  const next = new Set(names.value);
-  if (!next.delete(name)) next.add(name);
-  names.value = next;
+  names.value = flipped(names.value, name);
   direction.value = 0;
 }
 

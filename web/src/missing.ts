@@ -2,6 +2,7 @@
 
 import { computed, effect } from "@preact/signals";
 import { newest, type Reply } from "./connection";
+import { flipped } from "./flipped";
 import type { MissingTerms, PlaceRow, TermRow } from "./replies";
 import { scoped } from "./scope";
 import { message, request, screen, settled, state } from "./store";
@@ -91,9 +92,7 @@ export function step(by: number): void {
 
 /** Let a channel, node or kind take part, or leave it out. */
 export function flip(list: keyof typeof left, name: string): void {
-  const next = new Set(left[list].value);
-  if (!next.delete(name)) next.add(name);
-  left[list].value = next;
+  left[list].value = flipped(left[list].value, name);
 }
 
 /** The names that take part; null for all. */
