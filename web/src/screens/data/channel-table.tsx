@@ -328,7 +328,7 @@ function Estimate({ channel }: { channel: string }) {
         estimate
       </button>
     );
-  if (typeof scan === "string" || !scan.seen) return <span class="q">not seen</span>;
+  if (!scan.seen) return <span class="q">not seen</span>;
   return (
     <span>
       <b>{significant(scan.best, 2)}</b> ± {scan.deviation === null ? MISSING : significant(scan.deviation, 1)}

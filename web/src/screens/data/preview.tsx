@@ -1,6 +1,16 @@
 // One channel and the error over all files, the distribution of the errors, and the error over the shift.
 
-import { addShift, chosenFile, errorLines, errors, preview, scanShift, scans, shownChannel } from "../../data-files";
+import {
+  addShift,
+  chosenFile,
+  errorLines,
+  errors,
+  preview,
+  type Scan,
+  scanShift,
+  scans,
+  shownChannel,
+} from "../../data-files";
 import { area, type Box, extent, line, type Pen, type Range, widened } from "../../drawing/canvas";
 import { css, family, token } from "../../drawing/colours";
 import { dots, rules } from "../../drawing/marks";
@@ -147,7 +157,7 @@ function showWorst(file: FileRow): void {
 
 export function SidePane() {
   const scan = scans.value[shownChannel.value];
-  return scan !== undefined && typeof scan !== "string" ? <ShiftPane /> : <ErrorPane />;
+  return scan === undefined ? <ErrorPane /> : <ShiftPane scan={scan} />;
 }
 
 /** The distribution of the errors by file, on the same bins. */
@@ -225,10 +235,8 @@ function drawSteps(
 }
 
 /** The error over the shift of the channel, with the present values. */
-function ShiftPane() {
+function ShiftPane({ scan }: { scan: Scan }) {
   const channel = shownChannel.value;
-  const scan = scans.value[channel];
-  if (scan === undefined || typeof scan === "string") return null;
   const late = scan.best < 0;
   const digits = plain(Math.abs(scan.best), 3);
   const next = Number(scan.best.toPrecision(3));
@@ -248,7 +256,12 @@ function ShiftPane() {
           ×
         </button>
       </div>
-      <Picture label={`RMSE over the shift of ${channel}`} kind="filling" draw={drawScan} of={[scan]} />
+      <Picture
+        label={`RMSE over the shift of ${channel}`}
+        kind="filling"
+        draw={(pen, wide, high) => drawScan(pen, wide, high, scan)}
+        of={[scan]}
+      />
       <div class="foot">
         <span class="grow">
           {scan.seen ? (
@@ -277,9 +290,7 @@ function ShiftPane() {
   );
 }
 
-function drawScan(pen: Pen, width: number, height: number): void {
-  const scan = scans.value[shownChannel.value];
-  if (scan === undefined || typeof scan === "string") return;
+function drawScan(pen: Pen, width: number, height: number, scan: Scan): void {
   const box = { left: LEFT, right: width - 12, top: 10, bottom: height - 36 };
   const [low, high] = extent(scan.rmse);
   const plot = area(pen, box, extent(scan.shifts), widened([Math.min(low, high), high], 0.08), {
