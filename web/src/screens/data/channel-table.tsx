@@ -21,6 +21,7 @@ import {
 import { extent, line, type Pen } from "../../drawing/canvas";
 import { token } from "../../drawing/colours";
 import { counted, MISSING, parseNumber, plain, significant, unitText } from "../../drawing/numbers";
+import { pairPositions } from "../../drawing/strips";
 import { Segment } from "../../fields";
 import { Icon } from "../../icons";
 import { LineInput } from "../../inputs";
@@ -349,7 +350,7 @@ function drawLines(pen: Pen, wide: number, high: number, signal: number): void {
       pen.fillRect(Math.round(k * each), 0, 1, high);
     }
     if (points.length < 4) return;
-    const xs = Float64Array.from(points, (_, i) => k * each + 2 + ((i >> 1) / (points.length / 2 - 1)) * (each - 4));
+    const xs = pairPositions(points, k * each + 2, (k + 1) * each - 2);
     const ys = Float64Array.from(points, (y) => high - 3 - (top > low ? (y - low) / (top - low) : 0.5) * (high - 6));
     line(pen, xs, ys, token("measured"), 1);
   });

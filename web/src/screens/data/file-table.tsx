@@ -4,6 +4,7 @@ import { chosenFile, entries, errorLines, errors, errorsOf } from "../../data-fi
 import { line, type Pen } from "../../drawing/canvas";
 import { token } from "../../drawing/colours";
 import { count, counted, MISSING, plain, significant, unitText } from "../../drawing/numbers";
+import { pairPositions } from "../../drawing/strips";
 import { addFiles } from "../../dropping";
 import { NumberField, Segment, TextField } from "../../fields";
 import { Icon } from "../../icons";
@@ -244,8 +245,7 @@ function Errors({ row, number }: { row: FileRow | undefined; number: number }) {
 
 function drawError(pen: Pen, wide: number, high: number, points: Float32Array | undefined, reach: number): void {
   if (points === undefined || points.length < 4) return;
-  const xs = Float64Array.from(points, (_, k) => ((k >> 1) / (points.length / 2 - 1)) * wide);
   const most = 1.5 * reach; // room around the extremes of many samples in a pixel
   const ys = Float64Array.from(points, (y) => high / 2 - (Math.max(-most, Math.min(most, y)) / most) * (high / 2 - 1));
-  line(pen, xs, ys, token("error"), 1);
+  line(pen, pairPositions(points, 0, wide), ys, token("error"), 1);
 }

@@ -15,6 +15,7 @@ import { area, type Box, extent, line, type Pen, type Range, widened } from "../
 import { css, family, token } from "../../drawing/colours";
 import { dots, rules } from "../../drawing/marks";
 import { counted, plain, significant, unitText, withUnit } from "../../drawing/numbers";
+import { pairPositions } from "../../drawing/strips";
 import { Picture } from "../../instruments/picture";
 import { chooseCriterion, criterionNumber, showDataset, stretch } from "../../plots";
 import type { FileRow } from "../../replies";
@@ -123,7 +124,7 @@ function drawPreview(pen: Pen, width: number, height: number): void {
           for (const [from, to] of gaps[k] ?? []) shade(from - file.begin, to - file.begin, token("warn-soft"));
         else if (file.worst) shade(...worstOf(file), token("warn-soft"));
         const points = (row === 0 ? channel : error)[k]!;
-        const xs = Float64Array.from(points, (_, i) => plot.x(((i >> 1) / (points.length / 2 - 1 || 1)) * span[1]));
+        const xs = pairPositions(points, left, right);
         line(pen, xs, Float64Array.from(points, plot.y), token(row === 0 ? "measured" : "error"), 1);
       });
     });
