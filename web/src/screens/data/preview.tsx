@@ -16,10 +16,11 @@ import { css, family, token } from "../../drawing/colours";
 import { dots, rules } from "../../drawing/marks";
 import { counted, plain, significant, unitText, withUnit } from "../../drawing/numbers";
 import { pairPositions } from "../../drawing/strips";
+import { CriterionChoice } from "../../instruments/criterion-choice";
 import { Picture } from "../../instruments/picture";
-import { chooseCriterion, criterionNumber, showDataset, stretch } from "../../plots";
+import { showDataset, stretch } from "../../plots";
 import type { FileRow } from "../../replies";
-import { screen, settled } from "../../store";
+import { screen } from "../../store";
 
 const LEFT = 60;
 const HEAD = 18; // of the names of the files
@@ -63,23 +64,6 @@ export function Preview() {
         />
       )}
     </section>
-  );
-}
-
-function CriterionChoice() {
-  const all = settled.value.criteria;
-  if (all.length < 2) return null;
-  return (
-    <select
-      class="field small"
-      aria-label="Criterion"
-      value={criterionNumber.value}
-      onChange={(event) => chooseCriterion(Number(event.currentTarget.value))}
-    >
-      {all.map((each, k) => (
-        <option value={k}>{each.node}</option>
-      ))}
-    </select>
   );
 }
 
