@@ -20,7 +20,7 @@ import {
 } from "../../data-files";
 import { extent, line, type Pen } from "../../drawing/canvas";
 import { token } from "../../drawing/colours";
-import { counted, MISSING, parseNumber, plain, significant, unitText } from "../../drawing/numbers";
+import { counted, MISSING, numberText, parseNumber, plain, significant, unitText } from "../../drawing/numbers";
 import { pairPositions } from "../../drawing/strips";
 import { Segment } from "../../fields";
 import { Icon } from "../../icons";
@@ -218,8 +218,8 @@ function Row({ own }: { own: MappedInput }) {
       <td class={described === undefined ? "bad" : ""}>
         {described === undefined ? "no such channel" : unitOf(own.unit, described.unit)}
       </td>
-      <td class="num">{described && described.least !== null ? significant(described.least) : MISSING}</td>
-      <td class="num">{described && described.greatest !== null ? significant(described.greatest!) : MISSING}</td>
+      <td class="num">{numberText(described?.least)}</td>
+      <td class="num">{numberText(described?.greatest)}</td>
       <td class="line">
         <Picture
           label={`${own.channel} in all files`}
@@ -259,7 +259,6 @@ function unitOf(wanted: string, own: string) {
 
 function Further({ name }: { name: string }) {
   const own = recorded.value.get(name)!;
-  const number = (value: number | null) => (value === null ? MISSING : significant(value));
   return (
     <tr
       class={`off ${name === shownChannel.value ? "on" : ""}`}
@@ -273,8 +272,8 @@ function Further({ name }: { name: string }) {
       <td>not used</td>
       <td class="mono">{name}</td>
       <td>{own.unit || MISSING}</td>
-      <td class="num">{number(own.least)}</td>
-      <td class="num">{number(own.greatest)}</td>
+      <td class="num">{numberText(own.least)}</td>
+      <td class="num">{numberText(own.greatest)}</td>
       <td class="q">in no node; a click shows it below</td>
       <td />
       <td />
@@ -332,7 +331,7 @@ function Estimate({ channel }: { channel: string }) {
   if (!scan.seen) return <span class="q">not seen</span>;
   return (
     <span>
-      <b>{significant(scan.best, 2)}</b> ± {scan.deviation === null ? MISSING : significant(scan.deviation, 1)}
+      <b>{significant(scan.best, 2)}</b> ± {numberText(scan.deviation, 1)}
     </span>
   );
 }

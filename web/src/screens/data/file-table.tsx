@@ -3,7 +3,7 @@
 import { chosenFile, entries, errorLines, errors, errorsOf } from "../../data-files";
 import { line, type Pen } from "../../drawing/canvas";
 import { token } from "../../drawing/colours";
-import { count, counted, MISSING, plain, significant, unitText } from "../../drawing/numbers";
+import { count, counted, MISSING, numberText, plain, significant, unitText } from "../../drawing/numbers";
 import { pairPositions } from "../../drawing/strips";
 import { addFiles } from "../../dropping";
 import { NumberField, Segment, TextField } from "../../fields";
@@ -220,14 +220,13 @@ function Errors({ row, number }: { row: FileRow | undefined; number: number }) {
         <td />
       </>
     );
-  const value = (each: number | null) => (each === null ? MISSING : significant(each));
   const worst = row.worst;
   const points = errorLines.value?.[String(number)];
   return (
     <>
-      <td class="num">{value(row.before)}</td>
+      <td class="num">{numberText(row.before)}</td>
       <td class="num">
-        <b>{value(row.rmse)}</b>
+        <b>{numberText(row.rmse)}</b>
       </td>
       <td>{worst ? `${plain(worst[0], 5)} … ${plain(worst[1], 5)}${row.timed ? " s" : ""}` : MISSING}</td>
       <td class="num">{worst ? significant(worst[2]) : MISSING}</td>

@@ -2,7 +2,8 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "../../connection";
-import { shown, split } from "../../instruments/error-split";
+import { numberText } from "../../drawing/numbers";
+import { split } from "../../instruments/error-split";
 import { type Box, flowLayout, GAP, HEIGHT, WIDTH, wire } from "../../instruments/flow-layout";
 import type { FunctionFlow } from "../../replies";
 import { scoped } from "../../scope";
@@ -100,7 +101,7 @@ export function SignalFlow() {
               {box.sign.slice(0, 8)}
             </text>
             <text class="t3" x={box.x + WIDTH - 7} y={box.y + 26}>
-              {values.has(box.name) ? shown(values.get(box.name)) : ""}
+              {values.has(box.name) ? numberText(values.get(box.name)) : ""}
             </text>
           </g>
         ))}
