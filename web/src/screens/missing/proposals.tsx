@@ -146,7 +146,7 @@ function Proposal({ own, at, rank, unit }: { own: TermRow; at: number; rank: num
 }
 
 function facts(own: TermRow): string {
-  const values = own.values === 0 ? "no value" : own.values === 1 ? "1 value" : `${own.values} values`;
+  const values = own.values === 0 ? "no value" : counted(own.values, "value");
   const better = `better in ${own.better} of ${own.parts}`;
   const unit = unitText(terms.value?.channels.find((each) => each.name === own.channel)?.unit ?? "");
   const range = own.ends.map(([at, value]) => `${significant(value, 3)} at ${plain(at)} ${unit}`.trim()).join(", ");
@@ -280,9 +280,7 @@ export function Verdict() {
         {own.message}
         {own.excluded.length > 0 && (
           <details id="excluded">
-            <summary>
-              {own.excluded.length === 1 ? "1 channel" : `${own.excluded.length} channels`} took no part
-            </summary>
+            <summary>{counted(own.excluded.length, "channel")} took no part</summary>
             {own.excluded.map(([name, reason]) => (
               <p>
                 <b>{name}</b>: {reason}
