@@ -1,5 +1,6 @@
 // The channels: what the function reads, where from, how it looks in every file, and its shift.
 
+import { computed } from "@preact/signals";
 import {
   addShift,
   chosen,
@@ -36,7 +37,10 @@ const MAX_FURTHER = 300; // channels that nothing reads, of which rows are drawn
 const MAX_HEADS = 6; // files that are named above their lines
 
 /** Channels that nothing reads. */
-const further = (): string[] => [...recorded.value.keys()].filter((name) => !mapped.value.includes(name));
+const further = computed(() => {
+  const read = new Set(mapped.value);
+  return [...recorded.value.keys()].filter((name) => !read.has(name));
+});
 
 const isProblem = (own: MappedInput): boolean => {
   const facts = small.value?.signals[mapped.value.indexOf(own.channel)];
@@ -54,7 +58,7 @@ export function ChannelTable() {
   );
   const others =
     shownRows.value === "all" || shownRows.value === "not used"
-      ? further().filter((name) => fits(`${name} ${recorded.value.get(name)?.unit ?? ""}`))
+      ? further.value.filter((name) => fits(`${name} ${recorded.value.get(name)?.unit ?? ""}`))
       : [];
   const remarks = state.value.findings.filter((f) => f.screen === "data" && f.severity !== "remark");
   const files = errors.value?.files ?? [];
@@ -63,7 +67,7 @@ export function ChannelTable() {
       <div class="head">
         <h2>Channels</h2>
         <span class="sub">
-          {counted(mapped.value.length, "channel")} mapped · {further().length} not used
+          {counted(mapped.value.length, "channel")} mapped · {further.value.length} not used
         </span>
         <span class="right">
           <label class="field small">
