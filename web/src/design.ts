@@ -34,9 +34,9 @@ export const written = scoped("");
 
 export const recorded = computed<Recorded>(() => picked.value ?? (designs.value?.timed ? "drive" : "points"));
 export const computing = computed(() => state.value.design.state === "running");
-export const found = computed(() => designs.value?.found ?? null);
+export const outcome = computed(() => designs.value?.found ?? null);
 export const table = computed(
-  () => found.value?.tables.find((each) => each.name === chosenTable.value) ?? found.value?.tables[0] ?? null,
+  () => outcome.value?.tables.find((each) => each.name === chosenTable.value) ?? outcome.value?.tables[0] ?? null,
 );
 
 export function chooseRecorded(own: Recorded): void {
@@ -73,7 +73,7 @@ const loadMap = newest(async (name: string) => {
 });
 
 effect(() => {
-  void found.value;
+  void outcome.value;
   if (isShown.value && table.value !== null) loadMap(table.value.name);
   else map.value = null;
 });
@@ -123,6 +123,6 @@ export async function exportDesign(force: boolean): Promise<void> {
 
 /** Choose the segment before or after. */
 export function step(by: number): void {
-  const last = Math.max(found.value?.segments.length ?? 0, found.value?.points.length ?? 0) - 1;
+  const last = Math.max(outcome.value?.segments.length ?? 0, outcome.value?.points.length ?? 0) - 1;
   segment.value = Math.max(0, Math.min(last, segment.value + by));
 }

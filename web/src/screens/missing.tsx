@@ -2,7 +2,7 @@
 
 import { counted } from "../drawing/numbers";
 import { Footer, Key } from "../frame";
-import { apply, found, look, looking, step, terms } from "../missing";
+import { apply, look, looking, outcome, step, terms } from "../missing";
 import { useScreenKeys } from "../screen-keys";
 import { blocking, request, state } from "../store";
 import { ChangePane } from "./missing/change";
@@ -56,9 +56,9 @@ export function MissingScreen() {
         )}
       </main>
       <Footer>
-        {found.value !== null && (
+        {outcome.value !== null && (
           <span>
-            {counted(found.value.candidates, "candidate")} in {found.value.seconds.toFixed(1)} s
+            {counted(outcome.value.candidates, "candidate")} in {outcome.value.seconds.toFixed(1)} s
           </span>
         )}
         <Key keys={["↑", "↓"]} text="proposal" />

@@ -106,8 +106,8 @@ function DatasetFields() {
 function Row({ entry, file, first }: { entry: DatasetFiles; file: RecordingFile; first: boolean }) {
   const at = entry.number;
   const own = settled.value.datasets.find((each) => each.number === at);
-  const found = errorsOf(entry, file);
-  const on = found !== null && found[1] === chosenFile.value;
+  const [row, number] = errorsOf(entry, file) ?? [undefined, -1];
+  const on = row !== undefined && number === chosenFile.value;
   const set = (use: string) =>
     setKeys([[["dataset", at, "use"], use === "training" ? null : use]], `${file.name}: ${use}`);
   return (
@@ -116,7 +116,7 @@ function Row({ entry, file, first }: { entry: DatasetFiles; file: RecordingFile;
       data-file={file.name}
       tabIndex={0}
       onClick={() => {
-        if (found !== null) chosenFile.value = found[1];
+        if (row !== undefined) chosenFile.value = number;
       }}
       onKeyDown={(event) => {
         const use = { t: "training", v: "test", o: "off" }[event.key];
@@ -169,9 +169,9 @@ function Row({ entry, file, first }: { entry: DatasetFiles; file: RecordingFile;
           <td class="num">{file.step ? `${significant(1 / file.step, 3)} Hz` : MISSING}</td>
           <td class="num">{file.length ? `${significant(file.length, 4)} s` : MISSING}</td>
           <td>
-            <Gaps file={file} row={found?.[0]} />
+            <Gaps file={file} row={row} />
           </td>
-          <Errors row={found?.[0]} number={found?.[1] ?? -1} />
+          <Errors row={row} number={number} />
         </>
       )}
       <td>

@@ -8,8 +8,8 @@ import {
   counts,
   direction,
   flipName,
-  found,
   names,
+  outcome,
   propose,
   type Recorded,
   recorded,
@@ -34,7 +34,7 @@ export function AskPane({ own }: { own: Designs }) {
       <div class="look">
         <div class="grp" role="group" aria-label="Parameters">
           {own.parameters.map((each) => (
-            <ParameterLine own={each} row={found.value?.tables.find((row) => row.name === each.name)} />
+            <ParameterLine own={each} row={outcome.value?.tables.find((row) => row.name === each.name)} />
           ))}
           {own.parameters.length === 0 && <p class="q">No free values yet: points fill the ranges below.</p>}
         </div>
@@ -170,7 +170,7 @@ function Count({ kind }: { kind: Recorded }) {
 }
 
 function Facts() {
-  const [own, row] = [found.value, table.value];
+  const [own, row] = [outcome.value, table.value];
   if (own === null) return null;
   const unit = unitText(row?.unit ?? "");
   return (
@@ -211,7 +211,7 @@ function Facts() {
 
 function Foot() {
   const { text, state: own } = state.value.design;
-  const again = found.value !== null;
+  const again = outcome.value !== null;
   if (computing.value)
     return (
       <div class="frow g busy">
@@ -245,7 +245,7 @@ function Foot() {
         {again ? "Propose again" : "Propose"}
       </button>
       <span class={`cut ${own === "failed" ? "bad" : "q"}`} title={text}>
-        {own === "failed" ? text : again ? `${found.value!.seconds.toFixed(1)} s` : ""}
+        {own === "failed" ? text : again ? `${outcome.value!.seconds.toFixed(1)} s` : ""}
       </span>
     </div>
   );

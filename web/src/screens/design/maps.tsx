@@ -1,6 +1,6 @@
 // Deviations of a table now and as predicted, on one logarithmic scale, with what is recorded and what is to be driven.
 
-import { found, map, type Shown, segment, shown, table } from "../../design";
+import { map, outcome, type Shown, segment, shown, table } from "../../design";
 import { area, type Box, extent, line, logTicks, type Pen, widened } from "../../drawing/canvas";
 import { css, deviation, height as heightColour, token } from "../../drawing/colours";
 import { dots, hatch, ring } from "../../drawing/marks";
@@ -19,7 +19,7 @@ export function MapsPane() {
     <section class="maps2" aria-label="Deviations">
       <div class="head">
         <h2>{own?.name ?? "Measure next"}</h2>
-        {found.value?.old ? (
+        {outcome.value?.old ? (
           <span class="sub warn" id="design-old">
             older than the values
           </span>
@@ -38,7 +38,7 @@ export function MapsPane() {
             </span>
             <span class="key">
               <i style={{ color: "var(--lit)" }} />
-              {found.value!.segments.length ? "to drive" : "to measure"}
+              {outcome.value!.segments.length ? "to drive" : "to measure"}
             </span>
             <Segment
               label="Show"
@@ -64,7 +64,7 @@ function Empty() {
         <span class="grow">{text}</span>
       </p>
     );
-  if (found.value !== null) return <p class="pad q">A design without a fit: it has no deviations to show.</p>;
+  if (outcome.value !== null) return <p class="pad q">A design without a fit: it has no deviations to show.</p>;
   return (
     <div class="pad" id="nothing-proposed">
       <p>
@@ -205,7 +205,7 @@ function drawTitle(pen: Pen, box: Box, head: DesignMap, own: Arrays, side: Side)
 }
 
 function whatIsDone(): string {
-  const own = found.value!;
+  const own = outcome.value!;
   if (own.segments.length) return `${own.segments.length} segments`;
   return own.points.length ? `${own.points.length} points` : `without ${own.drop.length} recordings`;
 }

@@ -6,12 +6,12 @@ import { Icon } from "../../icons";
 import {
   choose,
   chosen,
-  found,
   look,
   looking,
   type Order,
   order,
   ordered,
+  outcome,
   place,
   proposal,
   terms,
@@ -21,7 +21,7 @@ import { run } from "../../runs";
 import { blocking, state } from "../../store";
 
 export function ProposalsPane() {
-  const own = found.value;
+  const own = outcome.value;
   return (
     <section class="pane" aria-label="Proposals">
       <div class="head">
@@ -253,7 +253,7 @@ export function HeldOutPane() {
 
 /** What the search says of all that it did not propose. */
 export function Verdict() {
-  const own = found.value;
+  const own = outcome.value;
   if (own === null) return null;
   if (own.stopped !== null) {
     const [fitted, all] = own.stopped;
