@@ -2,6 +2,7 @@
 
 import { computed, effect } from "@preact/signals";
 import { newest, type Reply } from "./connection";
+import { significant } from "./drawing/numbers";
 import { flipped } from "./flipped";
 import type { DesignExport, Designs } from "./replies";
 import { scoped } from "./scope";
@@ -38,6 +39,9 @@ export const outcome = computed(() => designs.value?.found ?? null);
 export const table = computed(
   () => outcome.value?.tables.find((each) => each.name === chosenTable.value) ?? outcome.value?.tables[0] ?? null,
 );
+
+/** A deviation in words; "open" for one that nothing determines. */
+export const deviationText = (value: number | null): string => (value === null ? "open" : significant(value, 3));
 
 export function chooseRecorded(own: Recorded): void {
   picked.value = own;

@@ -6,6 +6,7 @@ import {
   chooseTable,
   computing,
   counts,
+  deviationText,
   direction,
   flipName,
   names,
@@ -22,8 +23,6 @@ import { LineInput, NumberInput } from "../../inputs";
 import type { DesignParameter, Designs, DesignTableRow } from "../../replies";
 import { blocking, failure, request, state } from "../../store";
 import { Further } from "../optimization/settings";
-
-const number = (value: number | null): string => (value === null ? "open" : significant(value, 3));
 
 export function AskPane({ own }: { own: Designs }) {
   return (
@@ -53,7 +52,7 @@ export function AskPane({ own }: { own: Designs }) {
 /** A parameter; a click shows it, a tick lets points determine it. */
 function ParameterLine({ own, row }: { own: DesignParameter; row: DesignTableRow | undefined }) {
   const isPoints = recorded.value === "points";
-  const facts = own.withoutData ? `${own.withoutData} without data` : row ? `± ${number(row.median[0]!)}` : "";
+  const facts = own.withoutData ? `${own.withoutData} without data` : row ? `± ${deviationText(row.median[0])}` : "";
   return (
     <div class={`tk ${table.value?.name === own.name ? "on" : ""}`}>
       {isPoints && (
@@ -180,11 +179,11 @@ function Facts() {
           <>
             <dt>median</dt>
             <dd>
-              {number(row.median[0]!)} → <b>{number(row.median[1]!)}</b> <u>{unit}</u>
+              {deviationText(row.median[0])} → <b>{deviationText(row.median[1])}</b> <u>{unit}</u>
             </dd>
             <dt>greatest</dt>
             <dd>
-              {number(row.greatest[0]!)} → <b>{number(row.greatest[1]!)}</b> <u>{unit}</u>
+              {deviationText(row.greatest[0])} → <b>{deviationText(row.greatest[1])}</b> <u>{unit}</u>
             </dd>
           </>
         )}

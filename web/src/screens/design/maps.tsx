@@ -1,10 +1,10 @@
 // Deviations of a table now and as predicted, on one logarithmic scale, with what is recorded and what is to be driven.
 
-import { map, outcome, type Shown, segment, shown, table } from "../../design";
+import { deviationText, map, outcome, type Shown, segment, shown, table } from "../../design";
 import { area, type Box, extent, line, logTicks, type Pen, widened } from "../../drawing/canvas";
 import { css, deviation, height as heightColour, token } from "../../drawing/colours";
 import { dots, hatch, ring } from "../../drawing/marks";
-import { plain, significant, unitText, withUnit } from "../../drawing/numbers";
+import { plain, unitText, withUnit } from "../../drawing/numbers";
 import { Segment } from "../../fields";
 import { Picture } from "../../instruments/picture";
 import type { DesignMap, Questions } from "../../replies";
@@ -193,11 +193,10 @@ function drawTitle(pen: Pen, box: Box, head: DesignMap, own: Arrays, side: Side)
   pen.fillText(title, box.left, 18);
   pen.font = `11px ${token("font")}`;
   if (row === null || (shown.value !== "deviation" && title !== stage)) return;
-  const text = (value: number | null) => (value === null ? "open" : significant(value, 3));
   const open = [...(side === "now" ? own.before : own.after)].filter((value) => value === Infinity).length;
   pen.fillStyle = token("quiet");
   pen.textAlign = "right";
-  const facts = `median ${text(row.median[at])}, greatest ${text(row.greatest[at])} ${unitText(head.unit)}`;
+  const facts = `median ${deviationText(row.median[at])}, greatest ${deviationText(row.greatest[at])} ${unitText(head.unit)}`;
   const full = open ? `${facts}, ${open} open` : facts;
   if (pen.measureText(full).width + pen.measureText(title).width * 1.2 < box.right - box.left)
     pen.fillText(full, box.right, 18);
