@@ -8,14 +8,14 @@ import { failure, request, screen, state } from "./store";
 
 const QUICK = 400; // ms; what takes less is not worth a line
 
-const told = signal<ActivityNews>({ text: "", share: null });
+const reported = signal<ActivityNews>({ text: "", share: null });
 const uploading = signal<ActivityNews | null>(null);
 const shown = signal(false);
 const stopping = signal(false);
 const began = signal(0);
 const now = signal(0);
 
-const present = (): ActivityNews => uploading.value ?? told.value;
+const present = (): ActivityNews => uploading.value ?? reported.value;
 let stopUpload: (() => void) | null = null;
 let timer = 0;
 
@@ -35,10 +35,10 @@ effect(() => {
 });
 
 listen("activity", (news: ActivityNews) => {
-  told.value = news;
+  reported.value = news;
 });
 onRenewal(() => {
-  told.value = { text: "", share: null };
+  reported.value = { text: "", share: null };
 });
 
 /** Show how much of a file is stored; null at the end. `stop` is called if the user stops it. */

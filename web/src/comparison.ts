@@ -47,7 +47,7 @@ export const shown = computed(() => changes.value.find((each) => each.name === c
 
 const load = newest(async (_: string) => {
   const both = { first: source(first.value), second: source(second.value) };
-  const [compared, known, sets, held] = await Promise.all([
+  const [compared, known, sets, bounds] = await Promise.all([
     request("compare", both),
     request("trust"),
     request("sets"),
@@ -58,7 +58,7 @@ const load = newest(async (_: string) => {
     scores.value = compared.head.scores;
   }
   if (known !== null) trust.value = { ...NOTHING, ...known.head };
-  if (held !== null) limits.value = held.head.rows;
+  if (bounds !== null) limits.value = bounds.head.rows;
   if (sets !== null) history.value = sets.head.rows;
 });
 

@@ -3,6 +3,7 @@
 import { computed, effect } from "@preact/signals";
 import { source as sourceOf } from "./calibrations";
 import { newest } from "./connection";
+import { flipped } from "./flipped";
 import type { AskedCode, CodeReply, ControlUnit, FinerRow, RoundingReply, UnitCommand, WrittenUnit } from "./replies";
 import { scoped } from "./scope";
 import { message, request, screen, settled } from "./store";
@@ -144,12 +145,6 @@ export const written = scoped<WrittenUnit | null>(null);
 export const signals = scoped(false);
 
 export const chosenCount = computed(() => languages.value.size + formats.value.size + Number(signals.value));
-
-function flipped<T>(set: ReadonlySet<T>, item: T): Set<T> {
-  const next = new Set(set);
-  if (!next.delete(item)) next.add(item);
-  return next;
-}
 
 /** Tick a language or a format, or take the tick away. */
 export function flipLanguage(own: Language): void {

@@ -1,6 +1,6 @@
 // Pictures and tables of the page as files and in the clipboard: PNG, SVG, and text with tabs, as spreadsheets read it.
 
-import { drawnIn, type Pen } from "./drawing/canvas";
+import { drawnIn, type Pen, reset } from "./drawing/canvas";
 import { token } from "./drawing/colours";
 import { SvgPen } from "./drawing/svg";
 import { fileName, plainText } from "./plain-text";
@@ -58,10 +58,7 @@ function drawAll(pen: Pen, { element, label }: Copied): void {
     const at = canvas.getBoundingClientRect();
     pen.save();
     pen.translate(at.left - ground.left, at.top - ground.top + TITLE);
-    pen.font = `11px ${token("font")}`;
-    pen.lineJoin = "round";
-    pen.textAlign = "left";
-    pen.textBaseline = "alphabetic";
+    reset(pen);
     own.draw(pen, own.width, own.height);
     pen.restore();
   }

@@ -1,6 +1,6 @@
 // The data as a whole: files with their errors, lines of the channels that the function reads, and one channel in full.
 
-import { computed, effect } from "@preact/signals";
+import { computed, effect, type Signal } from "@preact/signals";
 import { newest } from "./connection";
 import { criterionNumber } from "./plots";
 import type {
@@ -38,7 +38,7 @@ export const errors = scoped<FileErrors | null>(null);
 export const errorLines = scoped<FileErrorsArrays | null>(null);
 export const small = scoped<Lines | null>(null); // of the mapped channels, in their order
 export const preview = scoped<Lines | null>(null);
-export const scans = scoped<Record<string, Scan | string>>({}); // by channel; a text says why there is none
+export const scans = scoped<Record<string, Scan>>({}); // by channel
 export const chosen = scoped("");
 export const chosenFile = scoped(0); // among the rows of `errors`
 export const search = scoped("");
@@ -61,22 +61,21 @@ const loadErrors = newest(async ([criterion]: [number, number]) => {
   errorLines.value = reply.arrays;
 });
 
-const loadSmall = newest(async (asked: AskedFileLines) => {
-  const reply = await request("file-lines", asked);
-  if (reply !== null) small.value = { signals: reply.head.signals, lines: reply.arrays };
-});
-
-const loadPreview = newest(async (asked: AskedFileLines) => {
-  const reply = await request("file-lines", asked);
-  if (reply !== null) preview.value = { signals: reply.head.signals, lines: reply.arrays };
-});
+const loaderOf = (lines: Signal<Lines | null>) =>
+  newest(async (asked: AskedFileLines) => {
+    const reply = await request("file-lines", asked);
+    if (reply !== null) lines.value = { signals: reply.head.signals, lines: reply.arrays };
+  });
+const loadSmall = loaderOf(small);
+const loadPreview = loaderOf(preview);
 
 const active = computed(() => screen.value === "data" && settled.value.project !== null);
 const evaluable = computed(() => active.value && settled.value.datasets.length > 0 && blocking.value === null);
+/** Changes with the project, not with its values. */
+const textRevision = computed(() => settled.value.textRevision);
 
 effect(() => {
-  const { textRevision } = settled.value;
-  if (active.value) loadFiles(textRevision);
+  if (active.value) loadFiles(textRevision.value);
 });
 effect(() => {
   if (evaluable.value && settled.value.criteria.length > 0) loadErrors([criterionNumber.value, settled.value.revision]);
@@ -107,23 +106,28 @@ const signalOf = (name: string): SignalName => ({
   unit: recorded.value.get(name)?.unit ?? "",
 });
 
-/** Text, so that an equal question is not asked again; lines change with the project, not with its values. */
-const smallKey = computed(() => JSON.stringify([settled.value.textRevision, mapped.value, pixels(LINE)]));
-const previewKey = computed(() => JSON.stringify([settled.value.textRevision, shownChannel.value, pixels(PREVIEW)]));
-
 export const shownChannel = computed(() =>
   chosen.value && (mapped.value.includes(chosen.value) || recorded.value.has(chosen.value))
     ? chosen.value
     : (mapped.value[0] ?? ""),
 );
 
+/** A question for lines as text, so that an equal one of the same project is not asked again; empty for no channels. */
+function keyOf(names: readonly string[], all: number): string {
+  if (!evaluable.value || names.length === 0) return "";
+  const asked: AskedFileLines = { signals: names.map(signalOf), pixels: pixels(all) };
+  return JSON.stringify([textRevision.value, asked]);
+}
+const questionOf = (key: string): AskedFileLines => (JSON.parse(key) as [number, AskedFileLines])[1];
+
+const smallKey = computed(() => keyOf(mapped.value.slice(0, 100), LINE));
+const previewKey = computed(() => keyOf(shownChannel.value ? [shownChannel.value] : [], PREVIEW));
+
 effect(() => {
-  if (!evaluable.value || !smallKey.value || mapped.value.length === 0) return;
-  loadSmall({ signals: mapped.value.slice(0, 100).map(signalOf), pixels: pixels(LINE) });
+  if (smallKey.value) loadSmall(questionOf(smallKey.value));
 });
 effect(() => {
-  if (!evaluable.value || !previewKey.value || shownChannel.value === "") return;
-  loadPreview({ signals: [signalOf(shownChannel.value)], pixels: pixels(PREVIEW) });
+  if (previewKey.value) loadPreview(questionOf(previewKey.value));
 });
 effect(() => {
   void settled.value.revision; // a scan holds for the present values

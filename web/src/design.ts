@@ -2,6 +2,8 @@
 
 import { computed, effect } from "@preact/signals";
 import { newest, type Reply } from "./connection";
+import { significant } from "./drawing/numbers";
+import { flipped } from "./flipped";
 import type { DesignExport, Designs } from "./replies";
 import { scoped } from "./scope";
 import { message, request, screen, settled, state } from "./store";
@@ -33,10 +35,13 @@ export const written = scoped("");
 
 export const recorded = computed<Recorded>(() => picked.value ?? (designs.value?.timed ? "drive" : "points"));
 export const computing = computed(() => state.value.design.state === "running");
-export const found = computed(() => designs.value?.found ?? null);
+export const outcome = computed(() => designs.value?.found ?? null);
 export const table = computed(
-  () => found.value?.tables.find((each) => each.name === chosenTable.value) ?? found.value?.tables[0] ?? null,
+  () => outcome.value?.tables.find((each) => each.name === chosenTable.value) ?? outcome.value?.tables[0] ?? null,
 );
+
+/** A deviation in words; "open" for one that nothing determines. */
+export const deviationText = (value: number | null): string => (value === null ? "open" : significant(value, 3));
 
 export function chooseRecorded(own: Recorded): void {
   picked.value = own;
@@ -72,7 +77,7 @@ const loadMap = newest(async (name: string) => {
 });
 
 effect(() => {
-  void found.value;
+  void outcome.value;
   if (isShown.value && table.value !== null) loadMap(table.value.name);
   else map.value = null;
 });
@@ -86,9 +91,7 @@ export function settle(number: number): void {
 }
 
 export function flipName(name: string): void {
-  const next = new Set(names.value);
-  if (!next.delete(name)) next.add(name);
-  names.value = next;
+  names.value = flipped(names.value, name);
   direction.value = 0;
 }
 
@@ -124,6 +127,6 @@ export async function exportDesign(force: boolean): Promise<void> {
 
 /** Choose the segment before or after. */
 export function step(by: number): void {
-  const last = Math.max(found.value?.segments.length ?? 0, found.value?.points.length ?? 0) - 1;
+  const last = Math.max(outcome.value?.segments.length ?? 0, outcome.value?.points.length ?? 0) - 1;
   segment.value = Math.max(0, Math.min(last, segment.value + by));
 }

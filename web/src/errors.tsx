@@ -3,7 +3,7 @@
 import { effect } from "@preact/signals";
 import { overlay } from "./commands";
 import { Dialog } from "./dialog";
-import { MISSING, signed, significant, unitText } from "./drawing/numbers";
+import { numberText, signed, unitText } from "./drawing/numbers";
 import { type Line, linesOf, othersText, shortened, shownLines } from "./header-lines";
 import type { ScoreRow } from "./replies";
 import { onRenewal, scoped } from "./scope";
@@ -32,8 +32,6 @@ effect(() => {
       edited.value = false;
     }, EDIT_SHOWN);
 });
-
-const number = (value: number | null): string => (value === null ? MISSING : significant(value));
 
 export function Errors() {
   const lines = linesOf(state.value.scores);
@@ -103,9 +101,9 @@ function Cells({ own, id }: { own: ScoreRow | null; id: string | undefined }) {
   const { rmse = null, before = null, last: earlier = null, unit = "" } = own ?? {};
   return (
     <>
-      <td class="from">{own === null ? "" : `${number(before)} →`}</td>
-      <td class="rv" id={id} title={own === null ? undefined : `start ${number(before)} ${unit}`}>
-        <b>{number(rmse)}</b>
+      <td class="from">{own === null ? "" : `${numberText(before)} →`}</td>
+      <td class="rv" id={id} title={own === null ? undefined : `start ${numberText(before)} ${unit}`}>
+        <b>{numberText(rmse)}</b>
         {rmse !== null && unitText(unit) && <span class="u"> {unit}</span>}
       </td>
       <Change rmse={rmse} before={before} last={earlier} />
@@ -172,9 +170,9 @@ export function ErrorList() {
                   {criterion}
                 </button>
               </td>
-              <td class="num">{number(training?.before ?? null)}</td>
-              <td class="num ink">{number(training?.rmse ?? null)}</td>
-              <td class="num ink">{number(test?.rmse ?? null)}</td>
+              <td class="num">{numberText(training?.before)}</td>
+              <td class="num ink">{numberText(training?.rmse)}</td>
+              <td class="num ink">{numberText(test?.rmse)}</td>
               <td class="q">{unitText(training?.unit ?? test?.unit ?? "")}</td>
               <td class="num">
                 {training?.rmse != null && training.last != null && training.rmse !== training.last

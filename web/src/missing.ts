@@ -2,6 +2,7 @@
 
 import { computed, effect } from "@preact/signals";
 import { newest, type Reply } from "./connection";
+import { flipped } from "./flipped";
 import type { MissingTerms, PlaceRow, TermRow } from "./replies";
 import { scoped } from "./scope";
 import { message, request, screen, settled, state } from "./store";
@@ -11,7 +12,7 @@ export type Order = "held out" | "training" | "few values";
 
 export const terms = scoped<MissingTerms | null>(null);
 /** What does not take part, by name. */
-export const left = {
+export const omitted = {
   channels: scoped<ReadonlySet<string>>(new Set()),
   nodes: scoped<ReadonlySet<string>>(new Set()),
   kinds: scoped<ReadonlySet<string>>(new Set()),
@@ -24,8 +25,8 @@ export const place = scoped<number | null>(null);
 export const shownTerm = scoped<Reply<"term"> | null>(null);
 
 export const looking = computed(() => state.value.terms.state === "running");
-export const found = computed(() => terms.value?.found ?? null);
-export const proposal = computed<TermRow | null>(() => found.value?.proposals[chosen.value] ?? null);
+export const outcome = computed(() => terms.value?.found ?? null);
+export const proposal = computed<TermRow | null>(() => outcome.value?.proposals[chosen.value] ?? null);
 /** The place of the term, if it is not the best one. */
 export const otherPlace = computed<PlaceRow | null>(() =>
   place.value === null ? null : (proposal.value?.places.find((each) => each.number === place.value) ?? null),
@@ -39,7 +40,7 @@ const SIZES: Record<Order, (own: TermRow) => number> = {
 
 /** Numbers of the proposals, in the chosen order. */
 export const ordered = computed(() => {
-  const rows = found.value?.proposals ?? [];
+  const rows = outcome.value?.proposals ?? [];
   const size = SIZES[order.value];
   return rows.map((_, k) => k).toSorted((a, b) => size(rows[a]!) - size(rows[b]!));
 });
@@ -90,15 +91,13 @@ export function step(by: number): void {
 }
 
 /** Let a channel, node or kind take part, or leave it out. */
-export function flip(list: keyof typeof left, name: string): void {
-  const next = new Set(left[list].value);
-  if (!next.delete(name)) next.add(name);
-  left[list].value = next;
+export function flip(list: keyof typeof omitted, name: string): void {
+  omitted[list].value = flipped(omitted[list].value, name);
 }
 
 /** The names that take part; null for all. */
-function taken(list: keyof typeof left, names: readonly string[]): string[] | null {
-  const kept = names.filter((name) => !left[list].value.has(name));
+function taken(list: keyof typeof omitted, names: readonly string[]): string[] | null {
+  const kept = names.filter((name) => !omitted[list].value.has(name));
   return kept.length === names.length ? null : kept;
 }
 
@@ -106,9 +105,9 @@ function taken(list: keyof typeof left, names: readonly string[]): string[] | nu
 export const hindrance = computed(() => {
   const own = terms.value;
   if (own === null) return "";
-  if (own.kinds.every((kind) => kind.places === 0 || left.kinds.value.has(kind.name)))
+  if (own.kinds.every((kind) => kind.places === 0 || omitted.kinds.value.has(kind.name)))
     return "Choose a kind of term first";
-  return own.nodes.every((name) => left.nodes.value.has(name)) ? "Choose a node first" : "";
+  return own.nodes.every((name) => omitted.nodes.value.has(name)) ? "Choose a node first" : "";
 });
 
 export async function look(): Promise<void> {
@@ -129,9 +128,9 @@ export async function look(): Promise<void> {
 
 /** Why the shown proposal cannot be applied; empty if it can. */
 export const unapplied = computed(() => {
-  if (found.value === null || proposal.value === null) return "no proposal";
+  if (outcome.value === null || proposal.value === null) return "no proposal";
   if (looking.value) return "The search is running";
-  if (found.value.old) return "Older than the values: look again first";
+  if (outcome.value.old) return "Older than the values: look again first";
   return shownTerm.value?.head.reason ?? "";
 });
 

@@ -73,7 +73,7 @@ test("an answer that arrives after another project was opened is dropped, also i
 const OF_THE_PAGE = new Set([
   "store.ts state connected screen theme",
   "restart.ts foreign",
-  "activity.tsx told uploading shown stopping began now",
+  "activity.tsx reported uploading shown stopping began now",
   "commands.ts overlay",
   "copy-menu.tsx shown",
   "projects.ts known chosen filter opening leaving",

@@ -95,11 +95,16 @@ function penOf(canvas: HTMLCanvasElement, width: number, height: number, inFlow:
   const pen = canvas.getContext("2d")!;
   pen.setTransform(ratio, 0, 0, ratio, 0, 0);
   pen.clearRect(0, 0, width, height);
+  reset(pen);
+  return pen;
+}
+
+/** Give a pen what every drawing begins with. */
+export function reset(pen: Pen): void {
   pen.font = `11px ${token("font")}`;
   pen.lineJoin = "round";
   pen.textAlign = "left";
   pen.textBaseline = "alphabetic";
-  return pen;
 }
 
 /** Return round numbers within a range, about `wanted` of them. */

@@ -37,6 +37,20 @@ const FAMILY_DARK: Scale = [
   [178, 130, 222],
   [116, 167, 242],
 ];
+const DEVIATIONS: Scale = [
+  [248, 248, 247],
+  [250, 231, 203],
+  [243, 188, 122],
+  [217, 116, 62],
+  [158, 34, 34],
+];
+const DEVIATIONS_DARK: Scale = [
+  [30, 35, 42],
+  [66, 58, 50],
+  [128, 92, 54],
+  [196, 112, 62],
+  [240, 92, 74],
+];
 const AMOUNTS = { blue: [120, 164, 214], amber: [240, 164, 88] } as const;
 
 const known = new Map<string, string>();
@@ -70,6 +84,9 @@ export const height = (share: number): Rgb => mix(HEIGHTS, share);
 
 /** Return the colour of a difference, -1 to 1. */
 export const diverging = (share: number): Rgb => mix(isDark() ? DIVERGING_DARK : DIVERGING, (share + 1) / 2);
+
+/** Return the colour of a deviation, 0 to 1. */
+export const deviation = (share: number): Rgb => mix(isDark() ? DEVIATIONS_DARK : DEVIATIONS, share);
 
 /** Return the colour of a line among several of one family, 0 to 1. */
 export const family = (share: number, dark = isDark()): Rgb => mix(dark ? FAMILY_DARK : FAMILY, share);

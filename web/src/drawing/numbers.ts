@@ -18,6 +18,9 @@ export function significant(value: number, digits = 4): string {
   return fixed(value, Math.max(0, digits - 1 - exponent));
 }
 
+/** Write a number with significant digits, or a dash for one that is missing. */
+export const numberText = (value: number | null | undefined, digits = 4): string => significant(value ?? NaN, digits);
+
 /** Write a difference with its sign. */
 export function signed(value: number, digits = 3): string {
   const text = significant(value, digits);

@@ -76,6 +76,12 @@ export function drawColumns(
   }
 }
 
+/** Return where pairs of values at the same x, such as the extremes of each pixel, lie between two ends, evenly. */
+export function pairPositions(values: ArrayLike<number>, left: number, right: number): Float64Array {
+  const last = values.length / 2 - 1 || 1;
+  return Float64Array.from(values, (_, k) => left + ((k >> 1) / last) * (right - left));
+}
+
 /** Return the number of the last position that is not above a value, 0 if all are. */
 export function lastUpTo(xs: ArrayLike<number>, value: number): number {
   let [low, high] = [0, xs.length - 1];

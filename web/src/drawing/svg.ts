@@ -2,20 +2,6 @@
 
 import type { Pen } from "./canvas";
 
-interface State {
-  fillStyle: unknown;
-  strokeStyle: string;
-  lineWidth: number;
-  lineJoin: string;
-  globalAlpha: number;
-  font: string;
-  textAlign: string;
-  textBaseline: string;
-  dash: number[];
-  transform: string;
-  clip: string;
-}
-
 const escaped = (text: string): string =>
   text.replace(/[&<>"]/g, (letter) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;" })[letter]!);
 
@@ -29,22 +15,20 @@ const SHIFTS: Record<string, number> = { middle: 0.35, top: 0.8, hanging: 0.8, b
 export class SvgPen {
   private readonly elements: string[] = [];
   private readonly definitions: string[] = [];
-  private readonly saved: State[] = [];
+  private readonly saved: object[] = [];
   private readonly ruler: Pen | null;
   private path = "";
-  private state: State = {
-    fillStyle: "#000",
-    strokeStyle: "#000",
-    lineWidth: 1,
-    lineJoin: "round",
-    globalAlpha: 1,
-    font: "11px sans-serif",
-    textAlign: "left",
-    textBaseline: "alphabetic",
-    dash: [],
-    transform: "",
-    clip: "",
-  };
+  fillStyle: unknown = "#000";
+  strokeStyle = "#000";
+  lineWidth = 1;
+  lineJoin = "round";
+  globalAlpha = 1;
+  font = "11px sans-serif";
+  textAlign = "left";
+  textBaseline = "alphabetic";
+  private dash: number[] = [];
+  private transform = "";
+  private clipId = "";
 
   /** `ruler` measures texts; `hatching` is the colour of patterns. */
   constructor(ruler: Pen | null, hatching: string) {
@@ -54,72 +38,28 @@ export class SvgPen {
     );
   }
 
-  get fillStyle(): unknown {
-    return this.state.fillStyle;
-  }
-  set fillStyle(value: unknown) {
-    this.state.fillStyle = value;
-  }
-  get strokeStyle(): string {
-    return this.state.strokeStyle;
-  }
-  set strokeStyle(value: string) {
-    this.state.strokeStyle = value;
-  }
-  get lineWidth(): number {
-    return this.state.lineWidth;
-  }
-  set lineWidth(value: number) {
-    this.state.lineWidth = value;
-  }
-  get lineJoin(): string {
-    return this.state.lineJoin;
-  }
-  set lineJoin(value: string) {
-    this.state.lineJoin = value;
-  }
-  get globalAlpha(): number {
-    return this.state.globalAlpha;
-  }
-  set globalAlpha(value: number) {
-    this.state.globalAlpha = value;
-  }
-  get font(): string {
-    return this.state.font;
-  }
-  set font(value: string) {
-    this.state.font = value;
-  }
-  get textAlign(): string {
-    return this.state.textAlign;
-  }
-  set textAlign(value: string) {
-    this.state.textAlign = value;
-  }
-  get textBaseline(): string {
-    return this.state.textBaseline;
-  }
-  set textBaseline(value: string) {
-    this.state.textBaseline = value;
-  }
-
   save(): void {
-    this.saved.push({ ...this.state });
+    const { fillStyle, strokeStyle, lineWidth, lineJoin, globalAlpha, font, textAlign, textBaseline } = this;
+    const { dash, transform, clipId } = this;
+    this.saved.push({
+      ...{ fillStyle, strokeStyle, lineWidth, lineJoin, globalAlpha, font, textAlign, textBaseline },
+      ...{ dash, transform, clipId },
+    });
   }
   restore(): void {
-    this.state = this.saved.pop() ?? this.state;
+    Object.assign(this, this.saved.pop());
   }
   translate(x: number, y: number): void {
-    this.state.transform += `translate(${short(x)} ${short(y)})`;
+    this.transform += `translate(${short(x)} ${short(y)})`;
   }
   rotate(angle: number): void {
-    this.state.transform += `rotate(${short((angle * 180) / Math.PI)})`;
+    this.transform += `rotate(${short((angle * 180) / Math.PI)})`;
   }
   getTransform(): { a: number } {
     return { a: 1 };
   }
   setLineDash(dash: number[]): void {
-    this.state.dash = dash;
+    this.dash = dash;
   }
 
   beginPath(): void {
@@ -147,10 +87,10 @@ export class SvgPen {
     else this.path += `${start}${arcTo(to, turn > Math.PI ? 1 : 0)}`;
   }
   fill(): void {
-    this.add(`<path d="${this.path}" fill="${this.paint(this.state.fillStyle)}"`);
+    this.add(`<path d="${this.path}" fill="${this.paint(this.fillStyle)}"`);
   }
   stroke(): void {
-    const { strokeStyle, lineWidth, lineJoin, dash } = this.state;
+    const { strokeStyle, lineWidth, lineJoin, dash } = this;
     const dashes = dash.length > 0 ? ` stroke-dasharray="${dash.join(" ")}"` : "";
     this.add(
       `<path d="${this.path}" fill="none" stroke="${this.paint(strokeStyle)}" stroke-width="${lineWidth}" stroke-linejoin="${lineJoin}"${dashes}`,
@@ -159,15 +99,15 @@ export class SvgPen {
   clip(): void {
     const id = `clip${this.definitions.length}`;
     // within another one, as a canvas has it
-    const within = this.state.clip ? ` clip-path="url(#${this.state.clip})"` : "";
-    const moved = this.state.transform ? ` transform="${this.state.transform}"` : "";
+    const within = this.clipId ? ` clip-path="url(#${this.clipId})"` : "";
+    const moved = this.transform ? ` transform="${this.transform}"` : "";
     this.definitions.push(`<clipPath id="${id}"${within}><path d="${this.path}"${moved}/></clipPath>`);
-    this.state.clip = id;
+    this.clipId = id;
   }
 
   fillRect(x: number, y: number, width: number, height: number): void {
     this.add(
-      `<rect x="${short(x)}" y="${short(y)}" width="${short(width)}" height="${short(height)}" fill="${this.paint(this.state.fillStyle)}"`,
+      `<rect x="${short(x)}" y="${short(y)}" width="${short(width)}" height="${short(height)}" fill="${this.paint(this.fillStyle)}"`,
     );
   }
   strokeRect(x: number, y: number, width: number, height: number): void {
@@ -181,18 +121,15 @@ export class SvgPen {
     // the ground is drawn once, before everything
   }
   fillText(text: string, x: number, y: number): void {
-    const { font, textAlign, textBaseline } = this.state;
+    const { font, textAlign, textBaseline } = this;
     const size = Number.parseFloat(/(\d+(\.\d+)?)px/.exec(font)?.[1] ?? "11");
     const anchor = ANCHORS[textAlign] ? ` text-anchor="${ANCHORS[textAlign]}"` : "";
     const at = `x="${short(x)}" y="${short(y + (SHIFTS[textBaseline] ?? 0) * size)}"`;
-    this.add(
-      `<text ${at} style="font:${escaped(font)}" fill="${this.paint(this.state.fillStyle)}"${anchor}`,
-      escaped(text),
-    );
+    this.add(`<text ${at} style="font:${escaped(font)}" fill="${this.paint(this.fillStyle)}"${anchor}`, escaped(text));
   }
   measureText(text: string): { width: number } {
     if (this.ruler === null) return { width: 6 * text.length };
-    this.ruler.font = this.state.font;
+    this.ruler.font = this.font;
     return this.ruler.measureText(text);
   }
   createPattern(): { setTransform: () => void } {
@@ -212,11 +149,11 @@ export class SvgPen {
     return typeof style === "string" ? escaped(style) : "url(#hatch)";
   }
   private add(begun: string, text?: string): void {
-    const { globalAlpha, transform, clip } = this.state;
+    const { globalAlpha, transform, clipId } = this;
     const opacity = globalAlpha < 1 ? ` opacity="${short(globalAlpha)}"` : "";
     const moved = transform ? ` transform="${transform}"` : "";
     const end = text === undefined ? "/>" : `>${text}</text>`;
     const element = `${begun}${opacity}${moved}${end}`;
-    this.elements.push(clip ? `<g clip-path="url(#${clip})">${element}</g>` : element);
+    this.elements.push(clipId ? `<g clip-path="url(#${clipId})">${element}</g>` : element);
   }
 }

@@ -24,8 +24,8 @@ export function togglePins(own: EditedTable): void {
   void mark("pin-values", own, on, on ? "pinned" : "not pinned");
 }
 
-async function mark(question: "lock-values" | "pin-values", own: EditedTable, on: boolean, what: string) {
-  const title = `${describeCells(own, selection.value)}: ${what}`;
+async function mark(question: "lock-values" | "pin-values", own: EditedTable, on: boolean, outcome: string) {
+  const title = `${describeCells(own, selection.value)}: ${outcome}`;
   const cells = cellsOf(own, selection.value);
   if ((await request(question, { name: own.name, cells, on, title })) !== null) message.value = title;
 }

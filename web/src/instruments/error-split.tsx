@@ -4,7 +4,7 @@
 import { computed, effect, signal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { newest } from "../connection";
-import { MISSING, plain, signed, significant } from "../drawing/numbers";
+import { MISSING, numberText, plain, signed } from "../drawing/numbers";
 import { chooseCriterion, criterionNumber, cursor, datasetNumber } from "../plots";
 import type { CorrectionRow, NodeValue, SplitError } from "../replies";
 import { scoped } from "../scope";
@@ -42,9 +42,6 @@ export function useSplit(): SplitError | null {
   }, []);
   return split.value;
 }
-
-export const shown = (value: number | null | undefined): string =>
-  value === null || value === undefined ? MISSING : significant(value);
 
 /** Where the cursor is, in words: `bench, point 479`. */
 export function placeText(own: SplitError): string {
@@ -99,11 +96,11 @@ export function ErrorFacts({ own }: { own: SplitError }) {
       )}
       <dt>measured</dt>
       <dd>
-        {shown(own.measured)} <u>{own.unit}</u>
+        {numberText(own.measured)} <u>{own.unit}</u>
       </dd>
       <dt>{own.node}, start → now</dt>
       <dd>
-        <span class="q">{shown(valueAt(own)?.start)}</span> → {shown(valueAt(own)?.now)} <u>{own.unit}</u>
+        <span class="q">{numberText(valueAt(own)?.start)}</span> → {numberText(valueAt(own)?.now)} <u>{own.unit}</u>
       </dd>
       <dt>error, start → now</dt>
       <dd>
@@ -146,8 +143,8 @@ export function NodeTable({ own }: { own: SplitError }) {
               <b>{node.name}</b>
             </td>
             <td class="q">{node.unit}</td>
-            <td class="num q">{shown(node.start)}</td>
-            <td class="num ink">{shown(node.now)}</td>
+            <td class="num q">{numberText(node.start)}</td>
+            <td class="num ink">{numberText(node.now)}</td>
             <td class="num">
               {node.now === null || node.start === null || node.now === node.start ? "" : signed(node.now - node.start)}
             </td>

@@ -6,7 +6,7 @@ import { area, extent, line, type Pen, widened } from "../drawing/canvas";
 import { token } from "../drawing/colours";
 import { ring } from "../drawing/marks";
 import { count, plain, signed, significant, withUnit } from "../drawing/numbers";
-import { brush, chooseCriterion, criterion, criterionNumber, showDataset, stretch } from "../plots";
+import { brush, criterion, criterionNumber, showDataset, stretch } from "../plots";
 import type { EditedTable, InformingRow } from "../replies";
 import { scoped } from "../scope";
 import {
@@ -22,6 +22,7 @@ import {
   table,
 } from "../store";
 import { fitOnly, whyUnfit } from "./cell-marks";
+import { CriterionChoice } from "./criterion-choice";
 import { Picture } from "./picture";
 import { cellAt } from "./table-cells";
 
@@ -220,24 +221,6 @@ function Facts({ own }: { own: EditedTable }) {
         <Timeline part={part} />
       </div>
     </>
-  );
-}
-
-function CriterionChoice() {
-  const all = settled.value.criteria;
-  if (all.length < 2) return null;
-  return (
-    <select
-      class="field small"
-      aria-label="Criterion"
-      title="The criterion whose errors are shown"
-      value={criterionNumber.value}
-      onChange={(event) => chooseCriterion(Number(event.currentTarget.value))}
-    >
-      {all.map((each, k) => (
-        <option value={k}>{each.node}</option>
-      ))}
-    </select>
   );
 }
 

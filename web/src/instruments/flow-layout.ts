@@ -111,6 +111,21 @@ export function flowLayout(own: FunctionFlow, chosen: string, room: number): Flo
   };
 }
 
+export interface Edge {
+  from: Box;
+  to: Box;
+}
+
+/** What the drawn nodes read of each other; no line leads from a node to itself. */
+export function edgesOf({ boxes }: FlowLayout): Edge[] {
+  return [...boxes.values()].flatMap((to) =>
+    (to.node?.sources ?? []).flatMap((name) => {
+      const from = boxes.get(name);
+      return from && from !== to ? [{ from, to }] : [];
+    }),
+  );
+}
+
 const MARGIN = 5; // between a line and a box that it passes
 
 /** The height at which a line passes the boxes between two others: near both its ends, and through none of them. */

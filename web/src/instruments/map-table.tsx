@@ -68,7 +68,8 @@ export function applyEdit(own: EditedTable, edit: Edit): void {
   else if (next !== null) setValues(cells, next, title);
 }
 
-export function MapTable({ own, shown }: { own: EditedTable; shown: Shown }) {
+export function MapTable({ own }: { own: EditedTable }) {
+  const shown = shownMarks.value;
   const [nx, ny] = size(own);
   const chosen = selection.value;
   const locked = new Set(own.locked);

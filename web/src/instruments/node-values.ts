@@ -2,8 +2,8 @@
 
 import { type Extension, StateEffect } from "@codemirror/state";
 import { GutterMarker, gutter } from "@codemirror/view";
-import { unitText } from "../drawing/numbers";
-import { shown, split } from "./error-split";
+import { numberText, unitText } from "../drawing/numbers";
+import { split } from "./error-split";
 
 const changed = StateEffect.define<null>();
 
@@ -59,7 +59,7 @@ export const nodeValues: Extension = gutter({
     const node = split.peek()?.nodes.find((each) => each.name === name);
     return node === undefined
       ? EMPTY
-      : new NodeMarker(unitText(DEFINES.exec(text)![3] ?? node.unit), shown(node.start), shown(node.now));
+      : new NodeMarker(unitText(DEFINES.exec(text)![3] ?? node.unit), numberText(node.start), numberText(node.now));
   },
   lineMarkerChange: (update) =>
     update.transactions.some((transaction) => transaction.effects.some((effect) => effect.is(changed))),

@@ -2,7 +2,7 @@
 
 import { effect } from "@preact/signals";
 import { newest } from "../connection";
-import { significant } from "../drawing/numbers";
+import { counted, significant } from "../drawing/numbers";
 import { Icon } from "../icons";
 import type { ProposalRow } from "../replies";
 import { scoped } from "../scope";
@@ -97,7 +97,7 @@ export function AddProposals() {
   const all = proposals.value;
   if (all.length === 0) return null;
   const open = all.filter((each) => !complete(each));
-  const count = all.length === 1 ? "1 proposal" : `${all.length} proposals`;
+  const title = counted(all.length, "proposal");
   return (
     <button
       class="btn small"
@@ -109,7 +109,7 @@ export function AddProposals() {
         else screen.value = "function";
       }}
     >
-      {adding.value ? "Trying them out" : open.length === 0 ? `Add ${count}` : count}
+      {adding.value ? "Trying them out" : open.length === 0 ? `Add ${title}` : title}
     </button>
   );
 }

@@ -1,31 +1,26 @@
 // Into the control unit: the values are rounded to its storage, and written with the function as C, FMU and files.
 
-import { useEffect } from "preact/hooks";
 import { busy, compareCode, existing, round, unit, writeFiles } from "../control-unit";
 import { Footer, Key } from "../frame";
+import { useScreenKeys } from "../screen-keys";
 import { blocking, state } from "../store";
 import { CodePane } from "./control-unit/code";
 import { FilesPane, FmuPane } from "./control-unit/files";
 import { RoundingPane } from "./control-unit/rounding";
 import "./control-unit.css";
 
-function keys(event: KeyboardEvent): void {
-  const typing = (event.target as HTMLElement).closest("input, select, textarea") !== null;
-  if (typing || document.querySelector("dialog[open]") !== null || event.ctrlKey || event.metaKey || event.altKey)
-    return;
+function takeKey(event: KeyboardEvent, typing: boolean): boolean {
+  if (typing) return false;
   const button = document.getElementById({ r: "round", c: "compare-code", w: "write-unit" }[event.key] ?? "");
-  if (!(button instanceof HTMLButtonElement) || button.disabled) return;
-  event.preventDefault();
+  if (!(button instanceof HTMLButtonElement) || button.disabled) return false;
   if (event.key === "r") void round();
   else if (event.key === "c") void compareCode();
   else if (existing.value.length === 0) void writeFiles(false);
+  return true;
 }
 
 export function ControlUnitScreen() {
-  useEffect(() => {
-    addEventListener("keydown", keys);
-    return () => removeEventListener("keydown", keys);
-  }, []);
+  useScreenKeys(takeKey);
   const empty = state.value.parameters.length === 0 || state.value.criteria.length === 0;
   return (
     <>

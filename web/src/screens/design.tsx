@@ -1,8 +1,8 @@
 // What to measure next: the question, deviations now and as predicted, and the list of what to drive or to measure.
 
-import { useEffect } from "preact/hooks";
 import { computing, designs, propose, step } from "../design";
 import { Footer, Key } from "../frame";
+import { useScreenKeys } from "../screen-keys";
 import { request, state } from "../store";
 import { AskPane } from "./design/ask";
 import { ListPane, OpenPane } from "./design/list";
@@ -10,22 +10,17 @@ import { MapsPane } from "./design/maps";
 import "../instruments/search-panes.css";
 import "./design.css";
 
-function keys(event: KeyboardEvent): void {
-  const typing = (event.target as HTMLElement).closest("input, select, textarea") !== null;
-  if (document.querySelector("dialog[open]") !== null || event.ctrlKey || event.metaKey || event.altKey) return;
+function takeKey(event: KeyboardEvent, typing: boolean): boolean {
   if (event.key === "Escape" && computing.value) void request("stop-design");
-  else if (typing) return;
+  else if (typing) return false;
   else if (event.key === "ArrowDown" || event.key === "ArrowUp") step(event.key === "ArrowDown" ? 1 : -1);
   else if (event.key === "p") void propose();
-  else return;
-  event.preventDefault();
+  else return false;
+  return true;
 }
 
 export function DesignScreen() {
-  useEffect(() => {
-    addEventListener("keydown", keys);
-    return () => removeEventListener("keydown", keys);
-  }, []);
+  useScreenKeys(takeKey);
   return (
     <>
       <main class="design">

@@ -15,6 +15,7 @@ import {
 } from "../calibrations";
 import { MISSING, parseNumber, plain, significant } from "../drawing/numbers";
 import { Segment } from "../fields";
+import { flipped } from "../flipped";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
 import { Column, Pictures } from "../instruments/pictures";
@@ -309,9 +310,7 @@ function Differences() {
 }
 
 function toggle(label: string): void {
-  const next = new Set(ticked.value);
-  if (!next.delete(label)) next.add(label);
-  ticked.value = next;
+  ticked.value = flipped(ticked.value, label);
 }
 
 function DifferenceRow({ row, labels }: { row: LabelDifference; labels: [string, string] }) {

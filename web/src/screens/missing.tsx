@@ -1,9 +1,9 @@
 // Which term the function lacks: what is looked for, the proposals, and the chosen one with its place, curve and change.
 
-import { useEffect } from "preact/hooks";
 import { counted } from "../drawing/numbers";
 import { Footer, Key } from "../frame";
-import { apply, found, look, looking, step, terms } from "../missing";
+import { apply, look, looking, outcome, step, terms } from "../missing";
+import { useScreenKeys } from "../screen-keys";
 import { blocking, request, state } from "../store";
 import { ChangePane } from "./missing/change";
 import { LookFor } from "./missing/look-for";
@@ -13,24 +13,19 @@ import { WherePane } from "./missing/where";
 import "../instruments/search-panes.css";
 import "./missing.css";
 
-function keys(event: KeyboardEvent): void {
-  const typing = (event.target as HTMLElement).closest("input, select, textarea") !== null;
+function takeKey(event: KeyboardEvent, typing: boolean): boolean {
   const onButton = (event.target as HTMLElement).closest("button, [role=button], summary") !== null; // takes Enter itself
-  if (document.querySelector("dialog[open]") !== null || event.ctrlKey || event.metaKey || event.altKey) return;
   if (event.key === "Escape" && looking.value) void request("stop-looking");
-  else if (typing) return;
+  else if (typing) return false;
   else if (event.key === "ArrowDown" || event.key === "ArrowUp") step(event.key === "ArrowDown" ? 1 : -1);
   else if (event.key === "l") void look();
   else if (event.key === "Enter" && !onButton) void apply();
-  else return;
-  event.preventDefault();
+  else return false;
+  return true;
 }
 
 export function MissingScreen() {
-  useEffect(() => {
-    addEventListener("keydown", keys);
-    return () => removeEventListener("keydown", keys);
-  }, []);
+  useScreenKeys(takeKey);
   const empty = state.value.parameters.length === 0 || state.value.criteria.length === 0;
   return (
     <>
@@ -61,9 +56,9 @@ export function MissingScreen() {
         )}
       </main>
       <Footer>
-        {found.value !== null && (
+        {outcome.value !== null && (
           <span>
-            {counted(found.value.candidates, "candidate")} in {found.value.seconds.toFixed(1)} s
+            {counted(outcome.value.candidates, "candidate")} in {outcome.value.seconds.toFixed(1)} s
           </span>
         )}
         <Key keys={["↑", "↓"]} text="proposal" />

@@ -5,6 +5,7 @@ import { newest } from "../connection";
 import { type Area, area, line, type Pen, ticks } from "../drawing/canvas";
 import { token } from "../drawing/colours";
 import { drawGrid } from "../drawing/grid";
+import { rules } from "../drawing/marks";
 import { count, MISSING, significant, unitText } from "../drawing/numbers";
 import { drawCurves } from "../drawing/slices";
 import { Footer, Key } from "../frame";
@@ -267,13 +268,7 @@ function drawStages(pen: Pen, plot: Area, width: number): void {
   let free = plot.box.left; // where the last name ends
   for (const { name, begin } of only.stages) {
     const at = Math.round(plot.x(begin + 0.5)) + 0.5;
-    pen.strokeStyle = token("edge");
-    pen.setLineDash([3, 3]);
-    pen.beginPath();
-    pen.moveTo(at, plot.box.top);
-    pen.lineTo(at, plot.box.bottom);
-    pen.stroke();
-    pen.setLineDash([]);
+    rules(pen, plot, "x", [plot.xAt(at)], token("edge"), [3, 3]);
     const wide = pen.measureText(name).width;
     if (at + 4 < free || at + 4 + wide > width - 8) continue;
     pen.fillStyle = token("quiet");

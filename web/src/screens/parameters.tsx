@@ -41,7 +41,7 @@ const FILTERS = {
 const SORTINGS = {
   name: null,
   change: (p: ParameterRow) => p.change ?? 0,
-  weakness: (p: ParameterRow) => weakness(p),
+  weakness,
   unused: (p: ParameterRow) => (p.unused ? 2 : p.withoutData / size(p)),
 } as const;
 const TITLES: Record<keyof typeof SORTINGS, string> = {
@@ -242,9 +242,9 @@ function paintThumbnail(canvas: HTMLCanvasElement | null, rows: number[][]): voi
 }
 
 function Bar({ own }: { own: EditedTable | null }) {
-  const shown = shownMarks;
+  const shown = shownMarks.value;
   const set = (part: Partial<Shown>) => {
-    shown.value = { ...shown.value, ...part };
+    shownMarks.value = { ...shownMarks.value, ...part };
   };
   return (
     <section class="pane bar1">
@@ -260,22 +260,18 @@ function Bar({ own }: { own: EditedTable | null }) {
                 ["percent", "in %"],
               ] as const
             ).map(([mode, text]) => (
-              <button aria-pressed={shown.value.mode === mode} onClick={() => set({ mode })}>
+              <button aria-pressed={shown.mode === mode} onClick={() => set({ mode })}>
                 {text}
               </button>
             ))}
           </span>
           <ReferenceChoice />
           <span class="sep" />
-          <button class="chip" aria-pressed={shown.value.empty} onClick={() => set({ empty: !shown.value.empty })}>
+          <button class="chip" aria-pressed={shown.empty} onClick={() => set({ empty: !shown.empty })}>
             <span class="sw hatched" />
             no data
           </button>
-          <button
-            class="chip"
-            aria-pressed={shown.value.deviation}
-            onClick={() => set({ deviation: !shown.value.deviation })}
-          >
+          <button class="chip" aria-pressed={shown.deviation} onClick={() => set({ deviation: !shown.deviation })}>
             <span class="sw bar2" />
             std dev
           </button>
@@ -339,7 +335,7 @@ function Editor({ own }: { own: EditedTable }) {
     <>
       <section class="pane tbl">
         <div class="scroll">
-          <MapTable own={own} shown={shownMarks.value} />
+          <MapTable own={own} />
         </div>
         <SelectionBar own={own} />
       </section>

@@ -18,7 +18,7 @@ import {
   tick,
   tickTables,
 } from "../comparison";
-import { MISSING, significant } from "../drawing/numbers";
+import { numberText } from "../drawing/numbers";
 import { Segment } from "../fields";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
@@ -86,8 +86,6 @@ export function Results() {
   );
 }
 
-const number = (value: number | null): string => (value === null ? MISSING : significant(value));
-
 function TakeBar() {
   const then = outcome.value;
   const own = nameOfSet(second.value);
@@ -152,7 +150,7 @@ function Then() {
   const rows = outcome.value!.scores.filter((each) => each.use === "training");
   const all = outcome
     .value!.scores.map(
-      (each) => `${each.use} ${each.criterion}: ${number(each.now)} → ${number(each.then)} ${each.unit}`,
+      (each) => `${each.use} ${each.criterion}: ${numberText(each.now)} → ${numberText(each.then)} ${each.unit}`,
     )
     .join("\n");
   return (
@@ -161,9 +159,9 @@ function Then() {
       {rows.slice(0, 2).map((each) => (
         <span>
           {rows.length > 1 && <span class="q">{each.criterion} </span>}
-          {number(each.now)} →{" "}
+          {numberText(each.now)} →{" "}
           <b class={worse(each.now, each.then) ? "bad" : better(each.now, each.then) ? "good" : "ink"}>
-            {number(each.then)}
+            {numberText(each.then)}
           </b>{" "}
           <span class="q">{each.unit}</span>
         </span>
@@ -187,8 +185,8 @@ function Together() {
         <Icon name="warning" />
         <span class="grow">
           <b>{own.names.length > 1 ? `${names} moved together.` : `A part of ${names} does not fit the rest.`}</b>{" "}
-          {own.names.length > 1 ? `Without the others: ${number(own.alone)} ${own.unit}. ` : ""}
-          {own.names.length > 1 ? "Together" : "The whole table"}: {number(own.together)} {own.unit}.
+          {own.names.length > 1 ? `Without the others: ${numberText(own.alone)} ${own.unit}. ` : ""}
+          {own.names.length > 1 ? "Together" : "The whole table"}: {numberText(own.together)} {own.unit}.
         </span>
         <button class="btn small" id="take-together" onClick={() => tickTables(own.names)}>
           Choose {own.names.length > 1 ? `all ${own.names.length}` : "the whole table"}, {countText(own.count)}

@@ -14,7 +14,7 @@ import {
   setStorage,
   source,
 } from "../../control-unit";
-import { counted, MISSING, significant, unitText } from "../../drawing/numbers";
+import { counted, MISSING, numberText, significant, unitText } from "../../drawing/numbers";
 import { Segment } from "../../fields";
 import { Icon } from "../../icons";
 import { NumberInput } from "../../inputs";
@@ -22,8 +22,6 @@ import type { ControlUnit, FinerRow, RoundedError, RoundedLabel, StorageRow } fr
 import { failure, state } from "../../store";
 
 const ENOUGH = 0.05; // share of the loss, below which finer storage of a label is not worth a word
-
-const number = (value: number | null): string => (value === null ? MISSING : significant(value));
 
 export function RoundingPane({ own }: { own: ControlUnit }) {
   const reply = rounded.value;
@@ -185,10 +183,10 @@ function Errors() {
             </td>
             <td class="q">{each.use}</td>
             <td class="num">
-              <b>{number(each.unrounded)}</b>
+              <b>{numberText(each.unrounded)}</b>
             </td>
-            <td class={`num ${method.value === "nearest" ? "applied bad" : "bad"}`}>{number(each.nearest)}</td>
-            <td class={`num ${method.value === "joint" ? "applied good" : "good"}`}>{number(each.joint)}</td>
+            <td class={`num ${method.value === "nearest" ? "applied bad" : "bad"}`}>{numberText(each.nearest)}</td>
+            <td class={`num ${method.value === "joint" ? "applied good" : "good"}`}>{numberText(each.joint)}</td>
             <td class="q">{unitText(each.unit)}</td>
             <td class="num q">{regained(each)}</td>
           </tr>
@@ -290,7 +288,7 @@ function worth(name: string, label: RoundedLabel): string {
 /** The error of the first criterion on its first data, by the present method. */
 function result(own: FinerRow): string {
   const [error] = own.errors;
-  return error === undefined ? MISSING : `${number(error[method.value])} ${unitText(error.unit)}`;
+  return error === undefined ? MISSING : `${numberText(error[method.value])} ${unitText(error.unit)}`;
 }
 
 function Advice({ own }: { own: ControlUnit }) {
@@ -321,7 +319,7 @@ function Advice({ own }: { own: ControlUnit }) {
       <Icon name="warning" />
       <span class="grow">
         One label decides: <b>{reply.advice}</b> in {first.bits ? "16 bit" : "steps of 1/256"} takes the RMSE of{" "}
-        {error.criterion} on {error.dataset} from {number(error[method.value])} to {result(first)}
+        {error.criterion} on {error.dataset} from {numberText(error[method.value])} to {result(first)}
         {bytes}.
       </span>
       <button class="btn small" id="use-finer" onClick={() => void setSteps(first.steps)}>
@@ -364,8 +362,8 @@ function FinerTable() {
             <td class="cut" title={line.steps === null ? undefined : Object.keys(line.steps).join(", ")}>
               {line.name}
             </td>
-            <td class="num bad">{number(line.error.nearest)}</td>
-            <td class="num good">{number(line.error.joint)}</td>
+            <td class="num bad">{numberText(line.error.nearest)}</td>
+            <td class="num good">{numberText(line.error.joint)}</td>
             <td class="num">{line.size ?? MISSING}</td>
             <td class="num">
               {line.steps !== null && (

@@ -1,5 +1,6 @@
 // The channels: what the function reads, where from, how it looks in every file, and its shift.
 
+import { computed } from "@preact/signals";
 import {
   addShift,
   chosen,
@@ -20,7 +21,8 @@ import {
 } from "../../data-files";
 import { extent, line, type Pen } from "../../drawing/canvas";
 import { token } from "../../drawing/colours";
-import { counted, MISSING, parseNumber, plain, significant, unitText } from "../../drawing/numbers";
+import { counted, MISSING, numberText, parseNumber, plain, significant, unitText } from "../../drawing/numbers";
+import { pairPositions } from "../../drawing/strips";
 import { Segment } from "../../fields";
 import { Icon } from "../../icons";
 import { LineInput } from "../../inputs";
@@ -35,7 +37,10 @@ const MAX_FURTHER = 300; // channels that nothing reads, of which rows are drawn
 const MAX_HEADS = 6; // files that are named above their lines
 
 /** Channels that nothing reads. */
-const further = (): string[] => [...recorded.value.keys()].filter((name) => !mapped.value.includes(name));
+const further = computed(() => {
+  const read = new Set(mapped.value);
+  return [...recorded.value.keys()].filter((name) => !read.has(name));
+});
 
 const isProblem = (own: MappedInput): boolean => {
   const facts = small.value?.signals[mapped.value.indexOf(own.channel)];
@@ -53,7 +58,7 @@ export function ChannelTable() {
   );
   const others =
     shownRows.value === "all" || shownRows.value === "not used"
-      ? further().filter((name) => fits(`${name} ${recorded.value.get(name)?.unit ?? ""}`))
+      ? further.value.filter((name) => fits(`${name} ${recorded.value.get(name)?.unit ?? ""}`))
       : [];
   const remarks = state.value.findings.filter((f) => f.screen === "data" && f.severity !== "remark");
   const files = errors.value?.files ?? [];
@@ -62,7 +67,7 @@ export function ChannelTable() {
       <div class="head">
         <h2>Channels</h2>
         <span class="sub">
-          {counted(mapped.value.length, "channel")} mapped · {further().length} not used
+          {counted(mapped.value.length, "channel")} mapped · {further.value.length} not used
         </span>
         <span class="right">
           <label class="field small">
@@ -217,8 +222,8 @@ function Row({ own }: { own: MappedInput }) {
       <td class={described === undefined ? "bad" : ""}>
         {described === undefined ? "no such channel" : unitOf(own.unit, described.unit)}
       </td>
-      <td class="num">{described && described.least !== null ? significant(described.least) : MISSING}</td>
-      <td class="num">{described && described.greatest !== null ? significant(described.greatest!) : MISSING}</td>
+      <td class="num">{numberText(described?.least)}</td>
+      <td class="num">{numberText(described?.greatest)}</td>
       <td class="line">
         <Picture
           label={`${own.channel} in all files`}
@@ -258,7 +263,6 @@ function unitOf(wanted: string, own: string) {
 
 function Further({ name }: { name: string }) {
   const own = recorded.value.get(name)!;
-  const number = (value: number | null) => (value === null ? MISSING : significant(value));
   return (
     <tr
       class={`off ${name === shownChannel.value ? "on" : ""}`}
@@ -272,8 +276,8 @@ function Further({ name }: { name: string }) {
       <td>not used</td>
       <td class="mono">{name}</td>
       <td>{own.unit || MISSING}</td>
-      <td class="num">{number(own.least)}</td>
-      <td class="num">{number(own.greatest)}</td>
+      <td class="num">{numberText(own.least)}</td>
+      <td class="num">{numberText(own.greatest)}</td>
       <td class="q">in no node; a click shows it below</td>
       <td />
       <td />
@@ -328,10 +332,10 @@ function Estimate({ channel }: { channel: string }) {
         estimate
       </button>
     );
-  if (typeof scan === "string" || !scan.seen) return <span class="q">not seen</span>;
+  if (!scan.seen) return <span class="q">not seen</span>;
   return (
     <span>
-      <b>{significant(scan.best, 2)}</b> ± {scan.deviation === null ? MISSING : significant(scan.deviation, 1)}
+      <b>{significant(scan.best, 2)}</b> ± {numberText(scan.deviation, 1)}
     </span>
   );
 }
@@ -349,7 +353,7 @@ function drawLines(pen: Pen, wide: number, high: number, signal: number): void {
       pen.fillRect(Math.round(k * each), 0, 1, high);
     }
     if (points.length < 4) return;
-    const xs = Float64Array.from(points, (_, i) => k * each + 2 + ((i >> 1) / (points.length / 2 - 1)) * (each - 4));
+    const xs = pairPositions(points, k * each + 2, (k + 1) * each - 2);
     const ys = Float64Array.from(points, (y) => high - 3 - (top > low ? (y - low) / (top - low) : 0.5) * (high - 6));
     line(pen, xs, ys, token("measured"), 1);
   });

@@ -3,7 +3,8 @@
 import { chosenFile, entries, errorLines, errors, errorsOf } from "../../data-files";
 import { line, type Pen } from "../../drawing/canvas";
 import { token } from "../../drawing/colours";
-import { count, counted, MISSING, plain, significant, unitText } from "../../drawing/numbers";
+import { count, counted, MISSING, numberText, plain, significant, unitText } from "../../drawing/numbers";
+import { pairPositions } from "../../drawing/strips";
 import { addFiles } from "../../dropping";
 import { NumberField, Segment, TextField } from "../../fields";
 import { Icon } from "../../icons";
@@ -105,8 +106,8 @@ function DatasetFields() {
 function Row({ entry, file, first }: { entry: DatasetFiles; file: RecordingFile; first: boolean }) {
   const at = entry.number;
   const own = settled.value.datasets.find((each) => each.number === at);
-  const found = errorsOf(entry, file);
-  const on = found !== null && found[1] === chosenFile.value;
+  const [row, number] = errorsOf(entry, file) ?? [undefined, -1];
+  const on = row !== undefined && number === chosenFile.value;
   const set = (use: string) =>
     setKeys([[["dataset", at, "use"], use === "training" ? null : use]], `${file.name}: ${use}`);
   return (
@@ -115,7 +116,7 @@ function Row({ entry, file, first }: { entry: DatasetFiles; file: RecordingFile;
       data-file={file.name}
       tabIndex={0}
       onClick={() => {
-        if (found !== null) chosenFile.value = found[1];
+        if (row !== undefined) chosenFile.value = number;
       }}
       onKeyDown={(event) => {
         const use = { t: "training", v: "test", o: "off" }[event.key];
@@ -168,9 +169,9 @@ function Row({ entry, file, first }: { entry: DatasetFiles; file: RecordingFile;
           <td class="num">{file.step ? `${significant(1 / file.step, 3)} Hz` : MISSING}</td>
           <td class="num">{file.length ? `${significant(file.length, 4)} s` : MISSING}</td>
           <td>
-            <Gaps file={file} row={found?.[0]} />
+            <Gaps file={file} row={row} />
           </td>
-          <Errors row={found?.[0]} number={found?.[1] ?? -1} />
+          <Errors row={row} number={number} />
         </>
       )}
       <td>
@@ -219,14 +220,13 @@ function Errors({ row, number }: { row: FileRow | undefined; number: number }) {
         <td />
       </>
     );
-  const value = (each: number | null) => (each === null ? MISSING : significant(each));
   const worst = row.worst;
   const points = errorLines.value?.[String(number)];
   return (
     <>
-      <td class="num">{value(row.before)}</td>
+      <td class="num">{numberText(row.before)}</td>
       <td class="num">
-        <b>{value(row.rmse)}</b>
+        <b>{numberText(row.rmse)}</b>
       </td>
       <td>{worst ? `${plain(worst[0], 5)} … ${plain(worst[1], 5)}${row.timed ? " s" : ""}` : MISSING}</td>
       <td class="num">{worst ? significant(worst[2]) : MISSING}</td>
@@ -244,8 +244,7 @@ function Errors({ row, number }: { row: FileRow | undefined; number: number }) {
 
 function drawError(pen: Pen, wide: number, high: number, points: Float32Array | undefined, reach: number): void {
   if (points === undefined || points.length < 4) return;
-  const xs = Float64Array.from(points, (_, k) => ((k >> 1) / (points.length / 2 - 1)) * wide);
   const most = 1.5 * reach; // room around the extremes of many samples in a pixel
   const ys = Float64Array.from(points, (y) => high / 2 - (Math.max(-most, Math.min(most, y)) / most) * (high / 2 - 1));
-  line(pen, xs, ys, token("error"), 1);
+  line(pen, pairPositions(points, 0, wide), ys, token("error"), 1);
 }

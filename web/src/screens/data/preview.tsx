@@ -1,14 +1,26 @@
 // One channel and the error over all files, the distribution of the errors, and the error over the shift.
 
-import { addShift, chosenFile, errorLines, errors, preview, scanShift, scans, shownChannel } from "../../data-files";
+import {
+  addShift,
+  chosenFile,
+  errorLines,
+  errors,
+  preview,
+  type Scan,
+  scanShift,
+  scans,
+  shownChannel,
+} from "../../data-files";
 import { area, type Box, extent, line, type Pen, type Range, widened } from "../../drawing/canvas";
 import { css, family, token } from "../../drawing/colours";
 import { dots, rules } from "../../drawing/marks";
 import { counted, plain, significant, unitText, withUnit } from "../../drawing/numbers";
+import { pairPositions } from "../../drawing/strips";
+import { CriterionChoice } from "../../instruments/criterion-choice";
 import { Picture } from "../../instruments/picture";
-import { chooseCriterion, criterionNumber, showDataset, stretch } from "../../plots";
+import { showDataset, stretch } from "../../plots";
 import type { FileRow } from "../../replies";
-import { screen, settled } from "../../store";
+import { screen } from "../../store";
 
 const LEFT = 60;
 const HEAD = 18; // of the names of the files
@@ -55,23 +67,6 @@ export function Preview() {
   );
 }
 
-function CriterionChoice() {
-  const all = settled.value.criteria;
-  if (all.length < 2) return null;
-  return (
-    <select
-      class="field small"
-      aria-label="Criterion"
-      value={criterionNumber.value}
-      onChange={(event) => chooseCriterion(Number(event.currentTarget.value))}
-    >
-      {all.map((each, k) => (
-        <option value={k}>{each.node}</option>
-      ))}
-    </select>
-  );
-}
-
 function drawPreview(pen: Pen, width: number, height: number): void {
   const files = errors.value?.files ?? [];
   if (files.length === 0) return;
@@ -113,7 +108,7 @@ function drawPreview(pen: Pen, width: number, height: number): void {
           for (const [from, to] of gaps[k] ?? []) shade(from - file.begin, to - file.begin, token("warn-soft"));
         else if (file.worst) shade(...worstOf(file), token("warn-soft"));
         const points = (row === 0 ? channel : error)[k]!;
-        const xs = Float64Array.from(points, (_, i) => plot.x(((i >> 1) / (points.length / 2 - 1 || 1)) * span[1]));
+        const xs = pairPositions(points, left, right);
         line(pen, xs, Float64Array.from(points, plot.y), token(row === 0 ? "measured" : "error"), 1);
       });
     });
@@ -147,7 +142,7 @@ function showWorst(file: FileRow): void {
 
 export function SidePane() {
   const scan = scans.value[shownChannel.value];
-  return scan !== undefined && typeof scan !== "string" ? <ShiftPane /> : <ErrorPane />;
+  return scan === undefined ? <ErrorPane /> : <ShiftPane scan={scan} />;
 }
 
 /** The distribution of the errors by file, on the same bins. */
@@ -225,10 +220,8 @@ function drawSteps(
 }
 
 /** The error over the shift of the channel, with the present values. */
-function ShiftPane() {
+function ShiftPane({ scan }: { scan: Scan }) {
   const channel = shownChannel.value;
-  const scan = scans.value[channel];
-  if (scan === undefined || typeof scan === "string") return null;
   const late = scan.best < 0;
   const digits = plain(Math.abs(scan.best), 3);
   const next = Number(scan.best.toPrecision(3));
@@ -248,7 +241,12 @@ function ShiftPane() {
           ×
         </button>
       </div>
-      <Picture label={`RMSE over the shift of ${channel}`} kind="filling" draw={drawScan} of={[scan]} />
+      <Picture
+        label={`RMSE over the shift of ${channel}`}
+        kind="filling"
+        draw={(pen, wide, high) => drawScan(pen, wide, high, scan)}
+        of={[scan]}
+      />
       <div class="foot">
         <span class="grow">
           {scan.seen ? (
@@ -277,9 +275,7 @@ function ShiftPane() {
   );
 }
 
-function drawScan(pen: Pen, width: number, height: number): void {
-  const scan = scans.value[shownChannel.value];
-  if (scan === undefined || typeof scan === "string") return;
+function drawScan(pen: Pen, width: number, height: number, scan: Scan): void {
   const box = { left: LEFT, right: width - 12, top: 10, bottom: height - 36 };
   const [low, high] = extent(scan.rmse);
   const plot = area(pen, box, extent(scan.shifts), widened([Math.min(low, high), high], 0.08), {

@@ -6,10 +6,11 @@ import {
   chooseTable,
   computing,
   counts,
+  deviationText,
   direction,
   flipName,
-  found,
   names,
+  outcome,
   propose,
   type Recorded,
   recorded,
@@ -23,8 +24,6 @@ import type { DesignParameter, Designs, DesignTableRow } from "../../replies";
 import { blocking, failure, request, state } from "../../store";
 import { Further } from "../optimization/settings";
 
-const number = (value: number | null): string => (value === null ? "open" : significant(value, 3));
-
 export function AskPane({ own }: { own: Designs }) {
   return (
     <section class="pane left ask" aria-label="What shall be settled">
@@ -34,7 +33,7 @@ export function AskPane({ own }: { own: Designs }) {
       <div class="look">
         <div class="grp" role="group" aria-label="Parameters">
           {own.parameters.map((each) => (
-            <ParameterLine own={each} row={found.value?.tables.find((row) => row.name === each.name)} />
+            <ParameterLine own={each} row={outcome.value?.tables.find((row) => row.name === each.name)} />
           ))}
           {own.parameters.length === 0 && <p class="q">No free values yet: points fill the ranges below.</p>}
         </div>
@@ -53,7 +52,7 @@ export function AskPane({ own }: { own: Designs }) {
 /** A parameter; a click shows it, a tick lets points determine it. */
 function ParameterLine({ own, row }: { own: DesignParameter; row: DesignTableRow | undefined }) {
   const isPoints = recorded.value === "points";
-  const facts = own.withoutData ? `${own.withoutData} without data` : row ? `± ${number(row.median[0]!)}` : "";
+  const facts = own.withoutData ? `${own.withoutData} without data` : row ? `± ${deviationText(row.median[0])}` : "";
   return (
     <div class={`tk ${table.value?.name === own.name ? "on" : ""}`}>
       {isPoints && (
@@ -170,7 +169,7 @@ function Count({ kind }: { kind: Recorded }) {
 }
 
 function Facts() {
-  const [own, row] = [found.value, table.value];
+  const [own, row] = [outcome.value, table.value];
   if (own === null) return null;
   const unit = unitText(row?.unit ?? "");
   return (
@@ -180,11 +179,11 @@ function Facts() {
           <>
             <dt>median</dt>
             <dd>
-              {number(row.median[0]!)} → <b>{number(row.median[1]!)}</b> <u>{unit}</u>
+              {deviationText(row.median[0])} → <b>{deviationText(row.median[1])}</b> <u>{unit}</u>
             </dd>
             <dt>greatest</dt>
             <dd>
-              {number(row.greatest[0]!)} → <b>{number(row.greatest[1]!)}</b> <u>{unit}</u>
+              {deviationText(row.greatest[0])} → <b>{deviationText(row.greatest[1])}</b> <u>{unit}</u>
             </dd>
           </>
         )}
@@ -211,7 +210,7 @@ function Facts() {
 
 function Foot() {
   const { text, state: own } = state.value.design;
-  const again = found.value !== null;
+  const again = outcome.value !== null;
   if (computing.value)
     return (
       <div class="frow g busy">
@@ -245,7 +244,7 @@ function Foot() {
         {again ? "Propose again" : "Propose"}
       </button>
       <span class={`cut ${own === "failed" ? "bad" : "q"}`} title={text}>
-        {own === "failed" ? text : again ? `${found.value!.seconds.toFixed(1)} s` : ""}
+        {own === "failed" ? text : again ? `${outcome.value!.seconds.toFixed(1)} s` : ""}
       </span>
     </div>
   );

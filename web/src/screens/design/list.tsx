@@ -1,6 +1,6 @@
 // What to drive or to measure, with what it settles, and its files; beside it, what no such measurement settles.
 
-import { existing, exportDesign, type Format, format, found, recorded, segment, written } from "../../design";
+import { existing, exportDesign, type Format, format, outcome, recorded, segment, written } from "../../design";
 import { count, counted, MISSING, plain, significant } from "../../drawing/numbers";
 import { Segment } from "../../fields";
 import { Icon } from "../../icons";
@@ -10,7 +10,7 @@ import { screen, state } from "../../store";
 import { address } from "../../uploads";
 
 export function ListPane() {
-  const own = found.value;
+  const own = outcome.value;
   return (
     <section class="pane chosen" aria-label="List">
       <div class="head">
@@ -185,7 +185,7 @@ function Export({ own }: { own: FoundDesign }) {
 
 /** What the design leaves open, with the ways to what else settles it. */
 export function OpenPane() {
-  const own = found.value;
+  const own = outcome.value;
   const settled = own?.tables.filter((row) => row.settled > 0) ?? [];
   return (
     <section class="pane open2" aria-label="What is left open">

@@ -1,10 +1,10 @@
 // Deviations of a table now and as predicted, on one logarithmic scale, with what is recorded and what is to be driven.
 
-import { found, map, type Shown, segment, shown, table } from "../../design";
+import { deviationText, map, outcome, type Shown, segment, shown, table } from "../../design";
 import { area, type Box, extent, line, logTicks, type Pen, widened } from "../../drawing/canvas";
-import { css, height as heightColour, isDark, type Rgb, token } from "../../drawing/colours";
+import { css, deviation, height as heightColour, token } from "../../drawing/colours";
 import { dots, hatch, ring } from "../../drawing/marks";
-import { plain, significant, unitText, withUnit } from "../../drawing/numbers";
+import { plain, unitText, withUnit } from "../../drawing/numbers";
 import { Segment } from "../../fields";
 import { Picture } from "../../instruments/picture";
 import type { DesignMap, Questions } from "../../replies";
@@ -13,28 +13,13 @@ import { blocking, state } from "../../store";
 type Arrays = Questions["design-map"]["arrays"];
 type Side = "now" | "after";
 
-const LIGHT: Rgb[] = [
-  [248, 248, 247],
-  [250, 231, 203],
-  [243, 188, 122],
-  [217, 116, 62],
-  [158, 34, 34],
-];
-const DARK: Rgb[] = [
-  [30, 35, 42],
-  [66, 58, 50],
-  [128, 92, 54],
-  [196, 112, 62],
-  [240, 92, 74],
-];
-
 export function MapsPane() {
   const [own, reply] = [table.value, map.value];
   return (
     <section class="maps2" aria-label="Deviations">
       <div class="head">
         <h2>{own?.name ?? "Measure next"}</h2>
-        {found.value?.old ? (
+        {outcome.value?.old ? (
           <span class="sub warn" id="design-old">
             older than the values
           </span>
@@ -53,7 +38,7 @@ export function MapsPane() {
             </span>
             <span class="key">
               <i style={{ color: "var(--lit)" }} />
-              {found.value!.segments.length ? "to drive" : "to measure"}
+              {outcome.value!.segments.length ? "to drive" : "to measure"}
             </span>
             <Segment
               label="Show"
@@ -79,7 +64,7 @@ function Empty() {
         <span class="grow">{text}</span>
       </p>
     );
-  if (found.value !== null) return <p class="pad q">A design without a fit: it has no deviations to show.</p>;
+  if (outcome.value !== null) return <p class="pad q">A design without a fit: it has no deviations to show.</p>;
   return (
     <div class="pad" id="nothing-proposed">
       <p>
@@ -122,15 +107,7 @@ function Pictures({ head, arrays }: { head: DesignMap; arrays: Arrays }) {
   );
 }
 
-const stops = (): Rgb[] => (isDark() ? DARK : LIGHT);
-
-function ramp(share: number): string {
-  const all = stops();
-  const at = Math.max(0, Math.min(1, share)) * (all.length - 1);
-  const k = Math.min(Math.floor(at), all.length - 2);
-  const mixed = [0, 1, 2].map((c) => Math.round(all[k]![c]! + (at - k) * (all[k + 1]![c]! - all[k]![c]!)));
-  return css(mixed as unknown as Rgb);
-}
+const ramp = (share: number): string => css(deviation(share));
 
 /** The ends of the logarithmic scale of both maps: those of the finite deviations. */
 function ends({ before, after }: Arrays): [number, number] {
@@ -162,7 +139,7 @@ function drawMap(pen: Pen, width: number, height: number, head: DesignMap, own: 
     title: withUnit(head.axes[0]!.input, head.axes[0]!.unit),
     yTitle: withUnit(head.axes[1]!.input, head.axes[1]!.unit),
   });
-  const paint = painter(head, own, side);
+  const paint = painter(own, side);
   plot.clip(() => {
     xs.forEach((_, i) =>
       ys.forEach((__, j) => {
@@ -188,7 +165,7 @@ function drawMap(pen: Pen, width: number, height: number, head: DesignMap, own: 
 }
 
 /** The colour of each cell: a deviation, a value, or how much smaller a deviation becomes. */
-function painter(_: DesignMap, own: Arrays, side: Side): (k: number) => string {
+function painter(own: Arrays, side: Side): (k: number) => string {
   if (shown.value === "value" && side === "now") {
     const [low, high] = extent(own.values);
     return (k) => css(heightColour(high > low ? (own.values[k]! - low) / (high - low) : 0.5), 0.8);
@@ -204,23 +181,22 @@ function painter(_: DesignMap, own: Arrays, side: Side): (k: number) => string {
 function drawTitle(pen: Pen, box: Box, head: DesignMap, own: Arrays, side: Side): void {
   const row = table.value;
   const at = side === "now" ? 0 : 1;
-  const what = side === "now" ? "now" : `after ${whatIsDone()}, predicted`;
+  const stage = side === "now" ? "now" : `after ${whatIsDone()}, predicted`;
   const title =
     shown.value === "value" && side === "now"
       ? "values of the fit"
       : shown.value === "gain" && side === "after"
         ? "gain: deviation now over that predicted, to 16"
-        : what;
+        : stage;
   pen.font = `600 12px ${token("font")}`;
   pen.fillStyle = token("ink");
   pen.fillText(title, box.left, 18);
   pen.font = `11px ${token("font")}`;
-  if (row === null || (shown.value !== "deviation" && title !== what)) return;
-  const text = (value: number | null) => (value === null ? "open" : significant(value, 3));
+  if (row === null || (shown.value !== "deviation" && title !== stage)) return;
   const open = [...(side === "now" ? own.before : own.after)].filter((value) => value === Infinity).length;
   pen.fillStyle = token("quiet");
   pen.textAlign = "right";
-  const facts = `median ${text(row.median[at])}, greatest ${text(row.greatest[at])} ${unitText(head.unit)}`;
+  const facts = `median ${deviationText(row.median[at])}, greatest ${deviationText(row.greatest[at])} ${unitText(head.unit)}`;
   const full = open ? `${facts}, ${open} open` : facts;
   if (pen.measureText(full).width + pen.measureText(title).width * 1.2 < box.right - box.left)
     pen.fillText(full, box.right, 18);
@@ -228,7 +204,7 @@ function drawTitle(pen: Pen, box: Box, head: DesignMap, own: Arrays, side: Side)
 }
 
 function whatIsDone(): string {
-  const own = found.value!;
+  const own = outcome.value!;
   if (own.segments.length) return `${own.segments.length} segments`;
   return own.points.length ? `${own.points.length} points` : `without ${own.drop.length} recordings`;
 }

@@ -4,6 +4,7 @@ import { computed, signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { significant } from "../../drawing/numbers";
 import { Segment } from "../../fields";
+import { flipped } from "../../flipped";
 import { Icon } from "../../icons";
 import { split } from "../../instruments/error-split";
 import type { BlockRow } from "../../replies";
@@ -214,9 +215,7 @@ function Mark({ state }: { state: BlockRow["state"] }) {
 
 function toggle(block: BlockRow): void {
   if (!block.inner) return;
-  const next = new Set(opened.value);
-  if (!next.delete(block.path)) next.add(block.path);
-  opened.value = next;
+  opened.value = flipped(opened.value, block.path);
 }
 
 /** Arrows walk and fold, `b` binds the block, `p` makes its number a parameter. */

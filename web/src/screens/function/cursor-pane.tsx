@@ -2,8 +2,8 @@
 
 import { computed, effect } from "@preact/signals";
 import { newest } from "../../connection";
-import { MISSING, plain, signed, significant, unitText } from "../../drawing/numbers";
-import { ErrorFacts, placeText, shown, split, useSplit } from "../../instruments/error-split";
+import { MISSING, numberText, plain, signed, significant, unitText } from "../../drawing/numbers";
+import { ErrorFacts, placeText, split, useSplit } from "../../instruments/error-split";
 import { criterionNumber, cursor, datasetNumber } from "../../plots";
 import type { WorstRow } from "../../replies";
 import { scoped } from "../../scope";
@@ -111,7 +111,7 @@ export function CursorPane() {
                     <b>{each.name}</b>
                   </td>
                   <td class="mono cut">{each.channel}</td>
-                  <td class="num ink">{shown(each.value)}</td>
+                  <td class="num ink">{numberText(each.value)}</td>
                   <td class="q">{unitText(each.unit)}</td>
                 </tr>
               ))}
@@ -155,9 +155,9 @@ export function CursorPane() {
             >
               <td class="num">{timed ? plain(row.position, 7) : row.sample + 1}</td>
               {row.inputs.slice(0, 4).map((value) => (
-                <td class="num">{shown(value)}</td>
+                <td class="num">{numberText(value)}</td>
               ))}
-              <td class="num ink">{shown(row.measured)}</td>
+              <td class="num ink">{numberText(row.measured)}</td>
               <td class="num ink">
                 {row.measured === null || row.error === null ? MISSING : significant(row.measured + row.error)}
               </td>

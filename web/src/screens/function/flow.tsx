@@ -1,16 +1,14 @@
 // The signal flow of formula text: what each node reads, with the values at the cursor.
 
-import { computed, effect, signal } from "@preact/signals";
-import { newest } from "../../connection";
-import { shown, split } from "../../instruments/error-split";
-import { type Box, flowLayout, GAP, HEIGHT, WIDTH, wire } from "../../instruments/flow-layout";
-import type { FunctionFlow } from "../../replies";
-import { scoped } from "../../scope";
-import { request, screen, settled, state } from "../../store";
+import { computed, signal } from "@preact/signals";
+import { numberText } from "../../drawing/numbers";
+import { flow, loadFlowIf } from "../../function-flow";
+import { split } from "../../instruments/error-split";
+import { type Edge, edgesOf, flowLayout, GAP, HEIGHT, WIDTH, wire } from "../../instruments/flow-layout";
+import { screen } from "../../store";
 import { isFileFunction } from "./file-source";
 import { chosen, esdl, simulink } from "./source";
 
-const flow = scoped<FunctionFlow | null>(null);
 const pageWidth = signal(innerWidth);
 addEventListener("resize", () => {
   pageWidth.value = innerWidth;
@@ -19,22 +17,7 @@ addEventListener("resize", () => {
 /** The number of columns for which the pane has room. */
 const room = computed(() => Math.max(3, Math.floor((0.45 * (pageWidth.value - 136) - 20 + GAP) / (WIDTH + GAP))));
 
-const load = newest(async (_: number) => {
-  const reply = await request("flow");
-  if (reply !== null) flow.value = reply.head;
-});
-const textRevision = computed(() => state.value.textRevision);
-effect(() => {
-  const revision = textRevision.value;
-  if (
-    screen.value === "function" &&
-    !simulink.value &&
-    !esdl.value &&
-    !isFileFunction.value &&
-    settled.value.nodes.length > 0
-  )
-    load(revision);
-});
+loadFlowIf(() => screen.value === "function" && !simulink.value && !esdl.value && !isFileFunction.value);
 
 const layout = computed(() => (flow.value === null ? null : flowLayout(flow.value, chosen.value, room.value)));
 
@@ -46,13 +29,8 @@ export function SignalFlow() {
     ...(split.value?.inputs ?? []).map((each) => [each.name, each.value] as const),
   ]);
   const boxes = [...own.boxes.values()];
-  const edges = boxes.flatMap((to) =>
-    (to.node?.sources ?? []).flatMap((name) => {
-      const from = own.boxes.get(name);
-      return from && from !== to ? [{ from, to }] : [];
-    }),
-  );
-  const hot = (edge: { from: Box; to: Box }) => edge.from.name === chosen.value || edge.to.name === chosen.value;
+  const edges = edgesOf(own);
+  const hot = (edge: Edge) => edge.from.name === chosen.value || edge.to.name === chosen.value;
   return (
     <div class="flow-body">
       <svg
@@ -100,7 +78,7 @@ export function SignalFlow() {
               {box.sign.slice(0, 8)}
             </text>
             <text class="t3" x={box.x + WIDTH - 7} y={box.y + 26}>
-              {values.has(box.name) ? shown(values.get(box.name)) : ""}
+              {values.has(box.name) ? numberText(values.get(box.name)) : ""}
             </text>
           </g>
         ))}

@@ -2,8 +2,9 @@
 // or variable lit.
 
 import { useEffect, useRef } from "preact/hooks";
+import { numberText } from "../../drawing/numbers";
 import { Segment } from "../../fields";
-import { shown, split, useSplit } from "../../instruments/error-split";
+import { split, useSplit } from "../../instruments/error-split";
 import type { FormulaLine } from "../../replies";
 import { scoped } from "../../scope";
 import { chosen } from "./source";
@@ -97,8 +98,8 @@ function LineRow({
       <code>
         <Formula text={line.text} tables={tables} />
       </code>
-      <span class="num q">{value && shown(value.start)}</span>
-      <span class="num ink">{value && shown(value.now)}</span>
+      <span class="num q">{value && numberText(value.start)}</span>
+      <span class="num ink">{value && numberText(value.now)}</span>
     </div>
   );
 }

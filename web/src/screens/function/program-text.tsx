@@ -3,8 +3,9 @@
 
 import { computed, effect } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
+import { numberText } from "../../drawing/numbers";
 import { Icon } from "../../icons";
-import { shown, split, useSplit } from "../../instruments/error-split";
+import { split, useSplit } from "../../instruments/error-split";
 import type { NodeValue } from "../../replies";
 import { scoped } from "../../scope";
 import { open, screen, state } from "../../store";
@@ -118,7 +119,7 @@ function Row({ number, text, names, values, parameters, problem }: RowProps) {
     problem,
     ...names.slice(0, 12).map((name) => {
       const own = values.get(name);
-      return own ? `${name} = ${shown(own.now)} ${own.unit}` : name;
+      return own ? `${name} = ${numberText(own.now)} ${own.unit}` : name;
     }),
   ]
     .filter(Boolean)
@@ -151,8 +152,8 @@ function Row({ number, text, names, values, parameters, problem }: RowProps) {
         </button>
       ) : (
         <>
-          <span class="num q">{value && shown(value.start)}</span>
-          <span class="num ink">{value && shown(value.now)}</span>
+          <span class="num q">{value && numberText(value.start)}</span>
+          <span class="num ink">{value && numberText(value.now)}</span>
         </>
       )}
     </div>

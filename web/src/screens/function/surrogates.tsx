@@ -2,7 +2,7 @@
 
 import { computed, effect } from "@preact/signals";
 import { newest } from "../../connection";
-import { count, MISSING, significant } from "../../drawing/numbers";
+import { count, numberText } from "../../drawing/numbers";
 import { Segment } from "../../fields";
 import { Icon } from "../../icons";
 import type { SurrogateRow, ValidityRow } from "../../replies";
@@ -150,7 +150,6 @@ function Model({ own }: { own: SurrogateRow }) {
 }
 
 function QualityTable({ own }: { own: SurrogateRow }) {
-  const number = (value: number | null) => (value === null ? MISSING : significant(value));
   return (
     <table class="list">
       <thead>
@@ -171,9 +170,9 @@ function QualityTable({ own }: { own: SurrogateRow }) {
             </td>
             <td class="q">{row.mode}</td>
             <td class="num">{count(row.samples)}</td>
-            <td class="num ink">{number(row.rmse)}</td>
-            <td class="num">{number(row.r2)}</td>
-            <td class="num">{number(row.max_abs)}</td>
+            <td class="num ink">{numberText(row.rmse)}</td>
+            <td class="num">{numberText(row.r2)}</td>
+            <td class="num">{numberText(row.max_abs)}</td>
           </tr>
         ))}
       </tbody>

@@ -1,5 +1,6 @@
 // The change of the formula and of the project file, and the buttons that apply it.
 
+import { counted } from "../../drawing/numbers";
 import { apply, otherPlace, place, proposal, shownTerm, unapplied } from "../../missing";
 import type { ChangedFile } from "../../replies";
 import { run } from "../../runs";
@@ -65,7 +66,7 @@ export function ChangePane() {
 
 function Buttons({ values }: { values: number }) {
   const reason = unapplied.value;
-  const more = values === 0 ? "no value more" : values === 1 ? "1 value more" : `${values} values more`;
+  const more = `${values === 0 ? "no value" : counted(values, "value")} more`;
   return (
     <div class="frow" id="apply-row">
       <button

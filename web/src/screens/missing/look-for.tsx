@@ -4,7 +4,7 @@ import type { ComponentChildren } from "preact";
 import { count, counted, unitText } from "../../drawing/numbers";
 import { Icon } from "../../icons";
 import { NumberInput } from "../../inputs";
-import { flip, found, hindrance, least, left, look, looking } from "../../missing";
+import { flip, hindrance, least, look, looking, omitted, outcome } from "../../missing";
 import type { MissingTerms, TermKind } from "../../replies";
 import { blocking, failure, request, state } from "../../store";
 
@@ -23,7 +23,7 @@ const lack = (kind: TermKind["name"]): [string, string] =>
     : ["no time", "the training data have no time"];
 
 export function LookFor({ own }: { own: MissingTerms }) {
-  const excluded = new Map(found.value?.excluded ?? []);
+  const excluded = new Map(outcome.value?.excluded ?? []);
   const channels = own.channels.toSorted((a, b) => Number(a.reason !== "") - Number(b.reason !== ""));
   return (
     <section class="pane left" aria-label="Look for">
@@ -58,7 +58,7 @@ export function LookFor({ own }: { own: MissingTerms }) {
         <details class="grp">
           <summary>
             <h3>
-              places <span class="n">{counted(own.nodes.length - left.nodes.value.size, "node")}</span>
+              places <span class="n">{counted(own.nodes.length - omitted.nodes.value.size, "node")}</span>
             </h3>
           </summary>
           {own.nodes.map((name) => (
@@ -68,7 +68,7 @@ export function LookFor({ own }: { own: MissingTerms }) {
         <Group title="judged on">
           <div class="kv">
             <span>held out</span>
-            <div class="q">{found.value?.proposals[0]?.heldName ?? "files, or blocks of them"}</div>
+            <div class="q">{outcome.value?.proposals[0]?.heldName ?? "files, or blocks of them"}</div>
             <span>at least</span>
             <div title="What a proposal must explain on data that were held out: the root of the difference of the squared errors">
               <span class="field small num" style={{ width: "74px" }}>
@@ -102,7 +102,7 @@ function Group({ title, children }: { title: string; children: ComponentChildren
 }
 
 function Tick(props: {
-  list: keyof typeof left;
+  list: keyof typeof omitted;
   name: string;
   title: string;
   note: string;
@@ -110,7 +110,7 @@ function Tick(props: {
   off?: boolean;
 }) {
   const off = props.off ?? false;
-  const on = !off && !left[props.list].value.has(props.name);
+  const on = !off && !omitted[props.list].value.has(props.name);
   return (
     <label
       class={`tk ${on ? "" : "no"}`}
@@ -131,7 +131,7 @@ function Tick(props: {
 
 function Foot() {
   const { text, done, parts, seconds, state: own } = state.value.terms;
-  const again = found.value !== null;
+  const again = outcome.value !== null;
   if (looking.value)
     return (
       <div class="frow g busy">
@@ -166,7 +166,7 @@ function Foot() {
         {again ? "Look again" : "Look"}
       </button>
       <span class={`q cut ${own === "failed" ? "bad" : ""}`} title={text}>
-        {own === "failed" ? text : again ? `${found.value!.seconds.toFixed(1)} s` : ""}
+        {own === "failed" ? text : again ? `${outcome.value!.seconds.toFixed(1)} s` : ""}
       </span>
     </div>
   );

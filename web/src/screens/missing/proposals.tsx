@@ -1,17 +1,17 @@
 // The proposals, the errors of the chosen one on each part of the data that was held out, and the verdict.
 
-import { counted, MISSING, plain, signed, significant, unitText } from "../../drawing/numbers";
+import { counted, numberText, plain, signed, significant, unitText } from "../../drawing/numbers";
 import { Segment } from "../../fields";
 import { Icon } from "../../icons";
 import {
   choose,
   chosen,
-  found,
   look,
   looking,
   type Order,
   order,
   ordered,
+  outcome,
   place,
   proposal,
   terms,
@@ -20,10 +20,8 @@ import type { BeforeAfter, FoundTerms, TermRow } from "../../replies";
 import { run } from "../../runs";
 import { blocking, state } from "../../store";
 
-const number = (value: number | null): string => (value === null ? MISSING : significant(value));
-
 export function ProposalsPane() {
-  const own = found.value;
+  const own = outcome.value;
   return (
     <section class="pane" aria-label="Proposals">
       <div class="head">
@@ -140,7 +138,7 @@ function Proposal({ own, at, rank, unit }: { own: TermRow; at: number; rank: num
         <Change name="held out" own={own.heldOut} unit={unit} kind="good" />
         {own.test !== null && <Change name="test" own={own.test} unit={unit} kind="ink" />}
         <span class="q">
-          explains <span class="ink">{number(own.explains)}</span> {unitText(unit)}
+          explains <span class="ink">{numberText(own.explains)}</span> {unitText(unit)}
         </span>
       </div>
     </div>
@@ -148,7 +146,7 @@ function Proposal({ own, at, rank, unit }: { own: TermRow; at: number; rank: num
 }
 
 function facts(own: TermRow): string {
-  const values = own.values === 0 ? "no value" : own.values === 1 ? "1 value" : `${own.values} values`;
+  const values = own.values === 0 ? "no value" : counted(own.values, "value");
   const better = `better in ${own.better} of ${own.parts}`;
   const unit = unitText(terms.value?.channels.find((each) => each.name === own.channel)?.unit ?? "");
   const range = own.ends.map(([at, value]) => `${significant(value, 3)} at ${plain(at)} ${unit}`.trim()).join(", ");
@@ -160,9 +158,9 @@ function Change({ name, own, unit, kind }: { name: string; own: BeforeAfter; uni
   return (
     <span class="row">
       <span class="q">
-        {name} {number(own.before)} →
+        {name} {numberText(own.before)} →
       </span>{" "}
-      <b class={worse ? "bad" : kind}>{number(own.after)}</b> <span class="q">{unitText(unit)}</span>
+      <b class={worse ? "bad" : kind}>{numberText(own.after)}</b> <span class="q">{unitText(unit)}</span>
     </span>
   );
 }
@@ -233,8 +231,8 @@ export function HeldOutPane() {
                 <b>{part.name}</b>
               </td>
               <td class="num">{part.samples}</td>
-              <td class="num">{number(part.rmse.before)}</td>
-              <td class="num ink">{number(part.rmse.after)}</td>
+              <td class="num">{numberText(part.rmse.before)}</td>
+              <td class="num ink">{numberText(part.rmse.after)}</td>
               <td class={`num ${gains[k]! < 0 ? "good" : "bad"}`}>{signed(gains[k]!, 2)}</td>
               <td style={{ width: "130px" }}>
                 <span
@@ -255,7 +253,7 @@ export function HeldOutPane() {
 
 /** What the search says of all that it did not propose. */
 export function Verdict() {
-  const own = found.value;
+  const own = outcome.value;
   if (own === null) return null;
   if (own.stopped !== null) {
     const [fitted, all] = own.stopped;
@@ -282,9 +280,7 @@ export function Verdict() {
         {own.message}
         {own.excluded.length > 0 && (
           <details id="excluded">
-            <summary>
-              {own.excluded.length === 1 ? "1 channel" : `${own.excluded.length} channels`} took no part
-            </summary>
+            <summary>{counted(own.excluded.length, "channel")} took no part</summary>
             {own.excluded.map(([name, reason]) => (
               <p>
                 <b>{name}</b>: {reason}

@@ -1,25 +1,14 @@
 // The function with the term: the proposed place in amber, places that explain the same dashed.
 
-import { computed, effect } from "@preact/signals";
-import { newest } from "../../connection";
-import { flowLayout, HEIGHT, WIDTH, wire } from "../../instruments/flow-layout";
+import { flow, loadFlowIf } from "../../function-flow";
+import { edgesOf, flowLayout, HEIGHT, WIDTH, wire } from "../../instruments/flow-layout";
 import { choose, chosen, otherPlace, place, proposal } from "../../missing";
 import type { FunctionFlow, TermRow } from "../../replies";
-import { scoped } from "../../scope";
-import { request, screen, settled, state } from "../../store";
+import { screen } from "../../store";
 
 const ROOM = 5; // columns of the pane
-const flow = scoped<FunctionFlow | null>(null);
 
-const load = newest(async (_: number) => {
-  const reply = await request("flow");
-  if (reply !== null) flow.value = reply.head;
-});
-const textRevision = computed(() => state.value.textRevision);
-effect(() => {
-  const revision = textRevision.value;
-  if (screen.value === "missing" && settled.value.nodes.length > 0) load(revision);
-});
+loadFlowIf(() => screen.value === "missing");
 
 const BOXES: Record<TermRow["kind"], (channel: string) => [title: string, sign: string]> = {
   add: (channel) => [`+ ${channel}`, "new curve"],
@@ -99,14 +88,13 @@ export function WherePane() {
             role="group"
             aria-label="Signal flow"
           >
-            {boxes.flatMap((to) =>
-              (to.node?.sources ?? []).flatMap((name) => {
-                const from = layout.boxes.get(name);
-                if (from === undefined || from === to) return [];
-                const hot = to.name === NEW || from.name === NEW;
-                return [<path key={`${name} ${to.name}`} class={hot ? "hot" : ""} d={wire(from, to, boxes)} />];
-              }),
-            )}
+            {edgesOf(layout).map(({ from, to }) => (
+              <path
+                key={`${from.name} ${to.name}`}
+                class={to.name === NEW || from.name === NEW ? "hot" : ""}
+                d={wire(from, to, boxes)}
+              />
+            ))}
             {boxes.map((box) => {
               const equal = box.name === own.node && place.value !== null ? null : alternatives.get(box.name);
               const other = equal !== undefined && box.name !== at.node;

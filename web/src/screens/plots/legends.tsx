@@ -1,7 +1,7 @@
 // Beside each strip: its signals with their values at the cursor, and statistics of what is brushed.
 
 import { useSignal } from "@preact/signals";
-import { MISSING, signed, significant, unitText } from "../../drawing/numbers";
+import { MISSING, numberText, signed, significant, unitText } from "../../drawing/numbers";
 import { valueUnder } from "../../hover-values";
 import { brushed, drawn, sample } from "../../plot-data";
 import { cursor, hover, keyOf } from "../../plots";
@@ -155,21 +155,20 @@ function Brushed({ row }: { row: Row }) {
   const first = row.lines[0];
   const own = first && brushed.value?.statistics.get(keyOf(first.signal));
   if (!own || own.samples === 0) return null;
-  const number = (value: number | null) => significant(value ?? NaN);
   const error = first.signal.kind === "error" || first.signal.kind === "start error";
   return (
     <div class="s">
       {error ? (
         <>
-          RMSE {number(own.rms)}
+          RMSE {numberText(own.rms)}
           <br />
           mean {signed(own.mean ?? NaN)}
         </>
       ) : (
         <>
-          {number(own.least)} … {number(own.greatest)}
+          {numberText(own.least)} … {numberText(own.greatest)}
           <br />
-          mean {number(own.mean)}
+          mean {numberText(own.mean)}
         </>
       )}
     </div>

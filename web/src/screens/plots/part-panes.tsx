@@ -1,6 +1,6 @@
 // At the lower right: the grid points that brushed samples pass, the sample at the cursor, or the measured range.
 
-import { fixed, MISSING, signed, significant } from "../../drawing/numbers";
+import { fixed, MISSING, numberText, signed, significant } from "../../drawing/numbers";
 import { ErrorSplit, placeText, split } from "../../instruments/error-split";
 import { brushed, rangeRows } from "../../plot-data";
 import { cursor, keyOf, part, range, unitOfTime } from "../../plots";
@@ -121,27 +121,24 @@ export function RangePane({ tabs }: { tabs: boolean }) {
               </tr>
             </thead>
             <tbody>
-              {list.map((row) => {
-                const number = (value: number | null) => (value === null ? MISSING : significant(value));
-                return (
-                  <tr
-                    key={keyOf(row.signal)}
-                    title={`${nameOf(row.signal)} ${unitOf(row.signal)}\nbegin ${significant(row.begin, 5)}, end ${significant(row.end, 5)}\n${row.statistics.samples} samples`}
-                  >
-                    <td class="cut name">
-                      <i style={{ background: `var(--${row.colour})` }} />
-                      {row.label}
-                    </td>
-                    <td class="num ink">
-                      {Number.isFinite(row.end - row.begin) ? signed(row.end - row.begin, 4) : MISSING}
-                    </td>
-                    <td class="num">{number(row.statistics.least)}</td>
-                    <td class="num ink">{number(row.statistics.mean)}</td>
-                    <td class="num">{number(row.statistics.greatest)}</td>
-                    <td class="num">{number(row.statistics.rms)}</td>
-                  </tr>
-                );
-              })}
+              {list.map((row) => (
+                <tr
+                  key={keyOf(row.signal)}
+                  title={`${nameOf(row.signal)} ${unitOf(row.signal)}\nbegin ${significant(row.begin, 5)}, end ${significant(row.end, 5)}\n${row.statistics.samples} samples`}
+                >
+                  <td class="cut name">
+                    <i style={{ background: `var(--${row.colour})` }} />
+                    {row.label}
+                  </td>
+                  <td class="num ink">
+                    {Number.isFinite(row.end - row.begin) ? signed(row.end - row.begin, 4) : MISSING}
+                  </td>
+                  <td class="num">{numberText(row.statistics.least)}</td>
+                  <td class="num ink">{numberText(row.statistics.mean)}</td>
+                  <td class="num">{numberText(row.statistics.greatest)}</td>
+                  <td class="num">{numberText(row.statistics.rms)}</td>
+                </tr>
+              ))}
             </tbody>
           </table>
         </div>

@@ -1,6 +1,7 @@
 // Export of the present values: calibration files, report, simulation, script, all files of a run, and the folder.
 
 import { effect } from "@preact/signals";
+import { flipped } from "../../flipped";
 import { RoundedTable } from "../../instruments/rounded";
 import type { ExportedFiles, ExportFormats } from "../../replies";
 import { scoped } from "../../scope";
@@ -44,9 +45,7 @@ export function ExportPane() {
   const { formats: all, own, folder } = formats.value;
   const chosen = picked.value ?? new Set(own);
   const flip = (ending: string) => {
-    const next = new Set(chosen);
-    if (!next.delete(ending)) next.add(ending);
-    picked.value = next;
+    picked.value = flipped(chosen, ending);
   };
   const run = async (force: boolean) => {
     const reply = await request("export", {

@@ -2,7 +2,7 @@
 
 import { addFiles, folder } from "../../calibrations";
 import { choose, files, first, history, nameOfSet, second } from "../../comparison";
-import { MISSING, significant } from "../../drawing/numbers";
+import { numberText, significant } from "../../drawing/numbers";
 import type { SetRow } from "../../replies";
 import { clock } from "../../spoken";
 import { state } from "../../store";
@@ -112,9 +112,9 @@ function Entry({ own }: { own: SetRow }) {
                   <td class="cut" title={each.criterion}>
                     {each.criterion}
                   </td>
-                  <td class="num ink">{number(each.training)}</td>
+                  <td class="num ink">{numberText(each.training)}</td>
                   <td class="num ink" title={spread(own.spread[k], each.unit)}>
-                    {number(each.test)}
+                    {numberText(each.test)}
                   </td>
                 </tr>
               ))}
@@ -130,8 +130,6 @@ function Entry({ own }: { own: SetRow }) {
     </div>
   );
 }
-
-const number = (value: number | null): string => (value === null ? MISSING : significant(value));
 
 const spread = (value: number | null | undefined, unit: string): string =>
   value === null || value === undefined ? "" : `± ${significant(value, 3)} ${unit} over the folds`;

@@ -3,7 +3,7 @@
 import { computed, effect } from "@preact/signals";
 import { tried, trust } from "../../comparison";
 import { newest } from "../../connection";
-import { MISSING, significant } from "../../drawing/numbers";
+import { numberText } from "../../drawing/numbers";
 import type { PinnedRow, RemedyRow } from "../../replies";
 import { scoped } from "../../scope";
 import { request, screen } from "../../store";
@@ -33,7 +33,6 @@ effect(() => {
 
 export function IfPinned() {
   if (rows.value.length === 0 || shown.value === undefined) return null;
-  const number = (value: number | null) => (value === null ? MISSING : significant(value, 3));
   return (
     <div id="if-pinned">
       <div class="head">
@@ -48,9 +47,9 @@ export function IfPinned() {
           {rows.value.map((row) => (
             <tr>
               <td class="cut">{row.name}</td>
-              <td class="num">{number(row.before)} →</td>
+              <td class="num">{numberText(row.before, 3)} →</td>
               <td class="num">
-                <b>{number(row.after)}</b> <span class="q">{row.unit}</span>
+                <b>{numberText(row.after, 3)}</b> <span class="q">{row.unit}</span>
               </td>
             </tr>
           ))}
