@@ -1,0 +1,1 @@
+import{_t as e}from"./settings.js";function t(t){e(()=>{let e=e=>{document.querySelector(`dialog[open]`)!==null||e.ctrlKey||e.metaKey||e.altKey||t(e,e.target.closest(`input, select, textarea`)!==null)&&e.preventDefault()};return addEventListener(`keydown`,e),()=>removeEventListener(`keydown`,e)},[])}export{t};
