@@ -408,20 +408,29 @@ class Project:
 
         Raises:
             InputError: the file cannot be read.
+
+        Warns:
+            InputWarning: part of the file was skipped, so that the project's own values remain there.
         """
-        from kennfeld.calfiles import read
+        parameters, findings = self.read_values_with_findings(path)
+        warn(finding for finding in findings if finding.severity == "warning")
+        return parameters
+
+    def read_values_with_findings(self, path: str | Path) -> tuple[ParameterSet, tuple[Finding, ...]]:
+        """Read the values as `read_values` does; return the findings on what was skipped in place of warnings."""
+        from kennfeld.calfiles import read_with_findings
         from kennfeld.files.calibrations import IMAGE_ENDINGS
 
         path, calibration = Path(path), self.file.calibration
         # an A2L file beside the image precedes those of the project
         own = path.with_suffix(".a2l")
         if path.suffix.lower() not in IMAGE_ENDINGS or own.is_file():
-            return read(path)
+            return read_with_findings(path)
         beside = (str(Path(name).with_suffix(".a2l")) for name in calibration.files if name.endswith(IMAGE_ENDINGS))
         named = calibration.descriptions.values() or beside
         known = {self.file.folder / name for name in named if (self.file.folder / name).is_file()}
         # of several A2L files it is not known which one describes the image
-        return read(path, next(iter(known)) if len(known) == 1 else None)
+        return read_with_findings(path, next(iter(known)) if len(known) == 1 else None)
 
     def simulate(
         self, parameters: ParameterSet | None = None, shifts: Mapping[str, Mapping[str, float]] | None = None
