@@ -249,3 +249,17 @@ def test_slow_stamps_since_1970_stay_as_they_are(csv):
     data = read(csv(log("timestamp", [f"{EPOCH + 0.001 * k:.3f}" for k in range(9)])))
     assert data.time[0] == EPOCH
     assert not data.findings
+
+
+def test_times_of_a_spreadsheet_go_on_after_24_hours(tmp_path):
+    import xlsxwriter
+
+    with xlsxwriter.Workbook(tmp_path / "x.xlsx") as book:
+        sheet, form = book.add_worksheet(), book.add_format({"num_format": "mm:ss.0"})
+        sheet.write_row(0, 0, ["Time", "rpm"])
+        for k, seconds in enumerate([86_399.5, 86_400.5, 86_401.5, 3 * 86_400.0]):
+            sheet.write_number(k + 1, 0, seconds / 86_400, form)
+            sheet.write_number(k + 1, 1, 800 + k)
+    data = read(tmp_path / "x.xlsx")
+    np.testing.assert_allclose(data.time, [0, 1, 2, 172_800.5], atol=1e-3)
+    assert data.start_time is None

@@ -17,7 +17,7 @@ from kennfeld.base.errors import Finding, Location
 from kennfeld.base.formatting import join_names
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.dataset import replace_infinite
-from kennfeld.measurement.cells import EPOCH, Decimal, is_dated, is_truth, parse_numbers, quote_cell
+from kennfeld.measurement.cells import EPOCH, Decimal, is_dated, is_long_time, is_truth, parse_numbers, quote_cell
 from kennfeld.measurement.exact_numbers import rest_of_cells
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.stamps import StampCollector, is_stamp, stated_order
@@ -177,7 +177,8 @@ class ColumnBuilder:
         # text files cannot hold dates, and a look at each of their cells would cost a third of the reading
         is_text_file = bool(cells) and isinstance(cells[0], str) and isinstance(cells[-1], str)
         self._dated = self._dated or (not is_text_file and any(map(is_dated, cells)))
-        if self._dated and self._origin is None and any(isinstance(cell, date) for cell in cells):
+        is_first = self._dated and self._origin is None
+        if is_first and any(isinstance(cell, date) and not is_long_time(cell) for cell in cells):
             self._origin = EPOCH
 
     def _note_truths(self, cells: Sequence[object], values: Float) -> None:
