@@ -237,7 +237,7 @@ PROGRAMS = {
             double a[4] = {1, 2, 3, u}, b[4] = {5, 6, 7, 8}, m[2][3] = {{1, 2, 3}, {4, 5, 6}};
             State s = {u, {1, 2, 3}, n}, t[2] = {{1, {2, 3, 4}, 5}, {6, {7, 8, 9}, 10}};
             memset(a, 0, 2 * sizeof(double));
-            memcpy(b, a + 0, sizeof a - sizeof a[0]);
+            memcpy(b, a, sizeof a - sizeof a[0]);
             memset(m, 0, sizeof m[0]);
             memset(s.y, 0, 2 * sizeof s.y[0]);
             memcpy(&t[1], &s, sizeof(State));
