@@ -9,7 +9,7 @@ from kennfeld.importers.c.call_translation import CCallTranslation
 from kennfeld.importers.c.declarations import CVariable, line_of, variable_of
 from kennfeld.importers.c.expression_translation import call_of, converted
 from kennfeld.importers.c.initial_values import count_elements, initial_trees
-from kennfeld.importers.c.number_types import FLOAT, UnsupportedCError
+from kennfeld.importers.c.number_types import UnsupportedCError
 from kennfeld.importers.c.places import CPlace, assigned_leaves, parts_of
 from kennfeld.importers.c.sizes import size_of
 from kennfeld.importers.c.struct_types import CStructType, Leaf, constant_integer
@@ -141,8 +141,7 @@ class ObjectTranslation(CCallTranslation):
         """Return the statements that give a variable the first values of a list."""
         place = m.TextPosition(line_of(tree))
         values = self.first_values(tree, variable)
-        if variable.type is FLOAT:
-            self.remarks["float is computed in double precision"] = None
+        self.note_precision(variable.type)
         return [m.Assign((m.Name(f"{variable.name}{leaf.path}"),), value, place=place) for leaf, value in values]
 
     def first_values(self, tree: c_ast.Decl, variable: CVariable) -> list[tuple[Leaf, m.Expression]]:

@@ -17,7 +17,7 @@ from kennfeld.importers.c.declarations import (
 )
 from kennfeld.importers.c.expression_translation import COperand, converted
 from kennfeld.importers.c.initial_values import count_elements
-from kennfeld.importers.c.number_types import FLOAT, CType, UnsupportedCError
+from kennfeld.importers.c.number_types import CType, UnsupportedCError
 from kennfeld.importers.c.object_translation import ObjectTranslation
 from kennfeld.importers.c.places import CPlace, Scope
 from kennfeld.importers.c.struct_types import CStructType, enumeration_constants, enumerations
@@ -50,8 +50,7 @@ class FunctionTranslation(ObjectTranslation):
         for argument in self.function.arguments:
             self.scopes[-1][argument.variable.name] = argument.variable
             self._taken[argument.variable.name] = 1
-            if argument.variable.type is FLOAT:
-                self.remarks["float is computed in double precision"] = None
+            self.note_precision(argument.variable.type)
         body = self._block(self.function.tree.body.block_items or ())
         # variables that keep their values are global names of the shared tree
         head = (m.Declaration("global", tuple(self.statics_used)),) if self.statics_used else ()
@@ -167,6 +166,7 @@ class FunctionTranslation(ObjectTranslation):
         if isinstance(self.function.result, CStructType):
             result = CPlace(CVariable(RESULT, self.function.result), "", self.function.result)
             return [*self.copied(result, self.place(value), place.line), jump]
+        self.note_precision(self.function.result)
         number = converted(self.operand(value), self.function.result)
         return [m.Assign((m.Name(RESULT),), number, place=place), jump]
 
@@ -209,8 +209,7 @@ class FunctionTranslation(ObjectTranslation):
             self.scopes[-1][tree.name] = variable
             return []
         statements = self._first_assignments(tree, variable)
-        if variable.type is FLOAT:
-            self.remarks["float is computed in double precision"] = None
+        self.note_precision(variable.type)
         self.scopes[-1][tree.name] = variable
         return statements
 

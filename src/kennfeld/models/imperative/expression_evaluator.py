@@ -26,7 +26,7 @@ from kennfeld.models.imperative.library.reduction_functions import (
     transpose,
 )
 from kennfeld.models.imperative.linear_systems import matrix_divide
-from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, format_sizes
+from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, elementwise, format_sizes
 from kennfeld.models.imperative.path_facts import logical_and, logical_or, truth_of
 from kennfeld.models.imperative.path_state import SymbolicInterpreter
 from kennfeld.models.imperative.ranges import constant_distance, range_length
@@ -381,11 +381,22 @@ class ExpressionEvaluator:
         if name in ("nargin", "nargout") and not arguments:
             frame = self.body.frame
             return s.constants(self.builder, frame.arguments if name == "nargin" else frame.wanted)
-        if name == "isempty" and len(arguments) == 1 and isinstance(arguments[0], m.Name):
-            return self._is_empty(arguments[0].name)
+        if name in ("isempty", "numel", "length") and len(arguments) == 1:
+            if (found := self._found_index(arguments[0])) is not None:
+                missing = elementwise(self.builder, "ne", found, found)
+                return s.as_logical(missing) if name == "isempty" else elementwise(self.builder, "sub", 1.0, missing)
+            if name == "isempty" and isinstance(arguments[0], m.Name):
+                return self._is_empty(arguments[0].name)
         if name == "exist" and arguments and isinstance(arguments[0], m.Text):
             return self._exists(arguments[0].value)
         return None
+
+    def _found_index(self, tree: m.Expression) -> s.FoundIndex | None:
+        """Return the index that `find` returns, or a variable with it; None for other expressions."""
+        value = self.body.names.get(tree.name) if isinstance(tree, m.Name) else None
+        if isinstance(tree, m.Call) and tree.of == m.Name("find"):
+            value = self.value(tree)
+        return value if isinstance(value, s.FoundIndex) else None
 
     def _exists(self, name: str) -> s.SymbolicValue:
         """Return the condition that a variable exists, which may depend on a decision."""
