@@ -230,6 +230,8 @@ STATEMENTS = [
      lambda u, v: 5 * (u > 0) + (found(u, v, -1, -1) + 1)),
     ("if isempty(find(x > 2, 1))\n y = -1;\nelse\n y = length(find(x > 2, 1));\nend", lambda u, v:
      min(found(u, v, -1), 1)),
+    ("k = find(x > 2, 1);\nif k\n y = k;\nelse\n y = -1;\nend\ny = y + 10*any(k);", lambda u, v:
+     found(u, v, -1) + 10 * (found(u, v, 0) > 0)),
     ("k = find(x > 0, 1);\nif any(x > 0)\n y = k;\nelse\n y = 0;\nend", lambda u, v: int(np.argmax(arrays(u, v)[0] > 0))
      + 1),
 ]  # fmt: skip

@@ -26,7 +26,7 @@ from kennfeld.models.imperative.library.reduction_functions import (
     transpose,
 )
 from kennfeld.models.imperative.linear_systems import matrix_divide
-from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, elementwise, format_sizes
+from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, format_sizes
 from kennfeld.models.imperative.path_facts import logical_and, logical_or, truth_of
 from kennfeld.models.imperative.path_state import SymbolicInterpreter
 from kennfeld.models.imperative.ranges import constant_distance, range_length
@@ -37,6 +37,8 @@ _OPERATORS = frozenset({"+", "-", ".*", "./", ".^", "==", "~=", "!=", "<", "<=",
 
 _TRUE_OR_FALSE = frozenset({"==", "~=", "!=", "<", "<=", ">", ">=", "&", "|", "&&", "||"})
 _ELEMENTWISE = {"*": ".*", "/": "./", "^": ".^"}
+# comparisons of an index that `find` returns with itself, which NaN for none differs from
+_OF_FOUND_INDEX = {"isempty": "ne", "numel": "eq", "length": "eq", "any": "eq"}
 
 
 class ExpressionEvaluator:
@@ -381,12 +383,11 @@ class ExpressionEvaluator:
         if name in ("nargin", "nargout") and not arguments:
             frame = self.body.frame
             return s.constants(self.builder, frame.arguments if name == "nargin" else frame.wanted)
-        if name in ("isempty", "numel", "length") and len(arguments) == 1:
-            if (found := self._found_index(arguments[0])) is not None:
-                missing = elementwise(self.builder, "ne", found, found)
-                return s.as_logical(missing) if name == "isempty" else elementwise(self.builder, "sub", 1.0, missing)
-            if name == "isempty" and isinstance(arguments[0], m.Name):
-                return self._is_empty(arguments[0].name)
+        if name in _OF_FOUND_INDEX and len(arguments) == 1 and (found := self._found_index(arguments[0])) is not None:
+            result = self.apply(_OF_FOUND_INDEX[name], found, found)
+            return result if name in ("numel", "length") else s.as_logical(result)
+        if name == "isempty" and len(arguments) == 1 and isinstance(arguments[0], m.Name):
+            return self._is_empty(arguments[0].name)
         if name == "exist" and arguments and isinstance(arguments[0], m.Text):
             return self._exists(arguments[0].value)
         return None
