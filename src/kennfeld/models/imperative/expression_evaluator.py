@@ -383,8 +383,8 @@ class ExpressionEvaluator:
         if name in ("nargin", "nargout") and not arguments:
             frame = self.body.frame
             return s.constants(self.builder, frame.arguments if name == "nargin" else frame.wanted)
-        if name in _OF_FOUND_INDEX and len(arguments) == 1 and (found := self._found_index(arguments[0])) is not None:
-            result = self.apply(_OF_FOUND_INDEX[name], found, found)
+        if name in _OF_FOUND_INDEX and len(arguments) == 1 and (index := self._found_index(arguments[0])) is not None:
+            result = self.apply(_OF_FOUND_INDEX[name], index, index)
             return result if name in ("numel", "length") else s.as_logical(result)
         if name == "isempty" and len(arguments) == 1 and isinstance(arguments[0], m.Name):
             return self._is_empty(arguments[0].name)
