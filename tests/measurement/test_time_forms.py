@@ -263,3 +263,15 @@ def test_times_of_a_spreadsheet_go_on_after_24_hours(tmp_path):
     data = read(tmp_path / "x.xlsx")
     np.testing.assert_allclose(data.time, [0, 1, 2, 172_800.5], atol=1e-3)
     assert data.start_time is None
+
+
+def test_times_of_day_of_a_spreadsheet_continue_across_midnight(tmp_path):
+    import xlsxwriter
+
+    with xlsxwriter.Workbook(tmp_path / "x.xlsx") as book:
+        sheet, form = book.add_worksheet(), book.add_format({"num_format": "hh:mm:ss"})
+        sheet.write_row(0, 0, ["Time", "rpm"])
+        for k, seconds in enumerate([86_398, 86_399, 0, 1]):
+            sheet.write_number(k + 1, 0, seconds / 86_400, form)
+            sheet.write_number(k + 1, 1, 800 + k)
+    np.testing.assert_allclose(read(tmp_path / "x.xlsx").time, [0, 1, 2, 3], atol=1e-6)
