@@ -275,3 +275,18 @@ def test_times_of_day_of_a_spreadsheet_continue_across_midnight(tmp_path):
             sheet.write_number(k + 1, 0, seconds / 86_400, form)
             sheet.write_number(k + 1, 1, 800 + k)
     np.testing.assert_allclose(read(tmp_path / "x.xlsx").time, [0, 1, 2, 3], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("rows", "seconds"),
+    [
+        (["01.02.2026;23:00:00", "03.02.2026;01:00:00", "03.02.2026;01:00:01"], [0, 93_600, 93_601]),
+        (["01.02.2026;10:00:00", "02.02.2026;11:00:00"], [0, 90_000]),
+        (["01.02.2026;23:59:59", "02.02.2026;00:00:00"], [0, 1]),
+        (["01.02.2026;23:59:59", "01.02.2026;00:00:00"], [0, 1]),
+    ],
+)
+def test_a_date_of_its_own_places_the_time_of_day(csv, rows, seconds):
+    text = "Date;Time;rpm\n" + "".join(f"{row};{800 + k}\n" for k, row in enumerate(rows))
+    assert read(csv(text)).time.tolist() == seconds
+    assert read(csv(text), ["rpm"]).time.tolist() == seconds

@@ -21,7 +21,7 @@ from kennfeld.measurement.channel_groups import join_groups, split_timelines
 from kennfeld.measurement.dataset_tables import table_of
 from kennfeld.measurement.epochs import with_epochs
 from kennfeld.measurement.fine_clocks import with_fine_clocks
-from kennfeld.measurement.fraction_columns import with_fractions
+from kennfeld.measurement.fraction_columns import with_days, with_fractions
 from kennfeld.measurement.source import MeasurementFile, locate, locate_head, run_guarded
 from kennfeld.measurement.table import Selection, Table, with_word_warnings, without_infinite
 from kennfeld.measurement.table_conversion import Description, TableDescription, assemble, describe_table
@@ -206,7 +206,7 @@ def _read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
         tables = [drop_untimed(table) for table in tables]
     if source.reader.rasters:
         return tables
-    tables = [with_fractions(with_epochs(table, selection)) for table in tables]
+    tables = [with_fractions(with_days(with_epochs(table, selection))) for table in tables]
     return [with_date_doubts(with_unread_time(table)) for table in tables]
 
 
