@@ -1,6 +1,6 @@
 // What the function needs and the project lacks, each with a button that adds it.
 
-import { effect } from "@preact/signals";
+import { computed, effect } from "@preact/signals";
 import { newest } from "../connection";
 import { counted, significant } from "../drawing/numbers";
 import { Icon } from "../icons";
@@ -19,9 +19,14 @@ const load = newest(async (_: number) => {
   problems.value = reply.head.problems;
 });
 
+/** The texts that proposals are about, as long as something is missing in them; they do not depend on values. */
+const incomplete = computed(() => {
+  const { project, findings, textRevision } = settled.value;
+  return project !== null && findings.length > 0 ? textRevision : 0;
+});
+
 effect(() => {
-  const { project, findings, revision } = settled.value;
-  if (project !== null && findings.length > 0) load(revision);
+  if (incomplete.value > 0) load(incomplete.value);
   else proposals.value = problems.value = [];
 });
 
