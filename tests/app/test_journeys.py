@@ -135,7 +135,7 @@ def test_from_a_dropped_simulink_model_to_the_values_of_its_map(tmp_path: Path) 
         page.wait_for_selector("[data-blocking]", state="detached")
         page.click("#add-proposals")  # leads to where they are listed, as only the user knows the channels
         for name, channel in CHANNELS.items():
-            page.select_option(f"[aria-label^='{name} ']", channel)
+            page.select_option(f"#proposals select[aria-label^='{name} ']", channel)
         page.click("#add-all")
         page.wait_for_selector("#rmse-training:has-text('.')")
         before = rmse(page)
