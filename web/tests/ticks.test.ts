@@ -18,6 +18,10 @@ describe("ticks of an axis in space", () => {
       expect(placeOf(value)[0] - placeOf(values[k]!)[0]).toBeGreaterThan(wide);
   });
 
+  it("are the ends where only one round number has room", () => {
+    expect(ticksApart(700, 6100, 5, (value) => [value / 100, 0], WIDTH)).toEqual([700, 6100]);
+  });
+
   it("stay where a steep axis has room for lines one below the other", () => {
     expect(ticksApart(700, 6100, 5, (value) => [0, value / 20], WIDTH)).toEqual(ticks(700, 6100, 5));
   });

@@ -136,17 +136,20 @@ export function ticksApart(
   placeOf: (value: number) => readonly [number, number],
   widthOf: (text: string) => number,
 ): number[] {
-  for (let most = wanted; most > 1; most--) {
-    const values = ticks(low, high, most);
+  const areApart = (values: number[]): boolean => {
     const wide = Math.max(...tickTexts(values).map(widthOf)) + 4;
     const places = values.map(placeOf);
-    const apart = places.every((here, k) => {
+    return places.every((here, k) => {
       const before = places[k - 1];
       return before === undefined || Math.abs(here[0] - before[0]) >= wide || Math.abs(here[1] - before[1]) >= LINE;
     });
-    if (apart) return values;
+  };
+  for (let most = wanted; most > 1; most--) {
+    const values = ticks(low, high, most);
+    if (values.length > 1 && areApart(values)) return values;
   }
-  return ticks(low, high, 1).slice(0, 1);
+  // one round number says nothing of the scale
+  return high > low && areApart([low, high]) ? [low, high] : [low];
 }
 
 /** Return the powers of ten within a range, with 2 and 5 times these if they are few. */
