@@ -4,7 +4,7 @@ Small problems are factored by QR of the Jacobian, which keeps the digits that t
 """
 
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -57,12 +57,24 @@ class Objective(Protocol):
         """Return the factorisation for the matrix of `size` values, which knows the zeros of earlier ones."""
 
 
-class DampedModel(NamedTuple):
-    """The factor of H + D, the step -(H + D)^-1 g without limits, and the damping D."""
+class DampedModel:
+    """The factor of H + D, the step -(H + D)^-1 g without limits, and the damping D; Float[values] each.
 
-    factor: Factor
-    step: Float
-    damping: Float  # Float[values]
+    Args:
+        factor: of H + D, or its lower triangle, Float[values, values]: many steps need no factor.
+        step: the step.
+        damping: the diagonal of D.
+    """
+
+    def __init__(self, factor: Factor | Float, step: Float, damping: Float) -> None:
+        self._factor, self.step, self.damping = factor, step, damping
+
+    @property
+    def factor(self) -> Factor:
+        """The factor of H + D."""
+        if not isinstance(self._factor, Factor):
+            self._factor = Factor.of(self._factor)
+        return self._factor
 
 
 class GaussNewtonModel:
@@ -141,10 +153,16 @@ class GaussNewtonModel:
             return None if factor is None else DampedModel(factor, factor.solve(-self.gradient), damped)
         # QR of [R; sqrt(lambda D)], whose R is the factor of R'R + lambda D
         # the held directions are damped only if the damping itself is too small to hold them
-        stacked = np.vstack([self.r_factor, np.diag(np.sqrt(damped)), *([self._held] if damping < HOLD else [])])
+        n, held = damped.size, self._held if damping < HOLD else None
+        rows = 2 * n + (0 if held is None else len(held))
+        stacked, rotated_residual = np.zeros((rows, n)), np.zeros(rows)
+        stacked[:n] = self.r_factor
+        stacked.reshape(-1)[n * n : 2 * n * n : n + 1] = np.sqrt(damped)
+        if held is not None:
+            stacked[2 * n :] = held
         # the damping rows have a target of 0
-        below = np.zeros(len(stacked) - self.q_residual.size)
-        upper, rotated = _triangle(stacked, np.concatenate([self.q_residual, below]))
+        rotated_residual[:n] = self.q_residual
+        upper, rotated = _triangle(stacked, rotated_residual)
         diagonal = upper.diagonal()
         if np.abs(diagonal).min(initial=1.0) <= 0:
             return None
@@ -152,7 +170,7 @@ class GaussNewtonModel:
         sign = np.where(diagonal < 0, -1.0, 1.0)
         lower = np.ascontiguousarray((sign[:, None] * upper).T)
         step = np.asarray(np.linalg.solve(upper, -rotated), dtype=np.float64)
-        return DampedModel(Factor.of(lower), step, damped)
+        return DampedModel(lower, step, damped)
 
     @property
     def little_damping(self) -> float:
