@@ -117,7 +117,7 @@ class GaussNewtonModel:
 
     @property
     def finite(self) -> bool:
-        return bool(np.all(np.isfinite(self.gradient)) and np.all(np.isfinite(self.column_scale)))
+        return bool(np.isfinite(self.gradient).all() and np.isfinite(self.column_scale).all())
 
     def remembered_scale(self, earlier: Float | None) -> Float:
         """Return the column scale, Float[movable], at least half the one remembered before."""
@@ -140,9 +140,8 @@ class GaussNewtonModel:
             secant: added to J'J.
             least: least damping, as a share of the mean curvature.
         """
-        with np.errstate(over="ignore"):
-            damped = np.maximum(damping * self.column_scale, least * self.curvature)
-        if not np.all(np.isfinite(damped)):
+        damped = np.maximum(damping * self.column_scale, least * self.curvature)
+        if not np.isfinite(damped).all():
             return None
         if secant is not None or self.hessian is not None:
             matrix = self.r_factor.T @ self.r_factor if self.hessian is None else self.hessian
@@ -194,7 +193,7 @@ class GaussNewtonModel:
         # r'' along d from one more evaluation: r(p + h d) = r + h J d + h^2 / 2 r'', so that
         # r'' = 2 / h ((r(p + h d) - r) / h - J d)
         ahead = self.objective.residual(trial)
-        if not np.all(np.isfinite(ahead)):
+        if not np.isfinite(ahead).all():
             return np.full(step.size, np.inf)
         second_derivative = (2 / PROBE) * ((ahead - self.residual) / PROBE - self.jacobian @ step)
         return factor.solve(-(self.jacobian.T @ second_derivative))
@@ -206,7 +205,7 @@ class GaussNewtonModel:
     def predicted_reduction(self, step: Float) -> float:
         """Compute the decrease of the cost -2 g'd - d'J'J d over a step d, Float[movable]."""
         # d'J'J d as the square of R d, which keeps the digits that R'R loses
-        curvature = np.sum((self.r_factor @ step) ** 2) if self.hessian is None else step @ (self.hessian @ step)
+        curvature = ((self.r_factor @ step) ** 2).sum() if self.hessian is None else step @ (self.hessian @ step)
         return float(-2 * (self.gradient @ step) - curvature)
 
     def damped_reduction(self, step: Float, damped: DampedModel, push: float) -> float:
@@ -225,8 +224,7 @@ class GaussNewtonModel:
 
     def scaled_norm(self, step: Float) -> float:
         """Compute sqrt(d'D d), the length of a step d, Float[movable], in the values' own scales."""
-        with np.errstate(over="ignore"):
-            return float(np.sqrt(np.sum(self.column_scale * step * step)))
+        return float(np.sqrt((self.column_scale * step * step).sum()))
 
 
 class SecantCorrection:
@@ -257,7 +255,7 @@ class SecantCorrection:
         along = float(change @ step)
         remainder = change - explained
         # y'd > 0 keeps the update bounded; steps against it teach nothing
-        if not (np.isfinite(along) and along > 0 and np.all(np.isfinite(remainder))):
+        if not (np.isfinite(along) and along > 0 and np.isfinite(remainder).all()):
             return
         known = self.curvature(step)
         # so that d'S d is at most what is left to explain, |d'(y - J'J d)|
@@ -269,7 +267,7 @@ class SecantCorrection:
             outer = np.outer(missing, direction)
             matrix = share * self.matrix + outer + outer.T
             matrix -= float(step @ missing) * np.outer(direction, direction)
-        if np.all(np.isfinite(matrix)):
+        if np.isfinite(matrix).all():
             self.matrix = matrix
 
 

@@ -110,7 +110,7 @@ class LeastSquaresObjective:
         return (np.concatenate([residual, rough]), np.vstack([jacobian, rows])) if rough.size else (residual, jacobian)
 
     def _check(self, residual: Float, values: Float) -> None:
-        if not np.all(np.isfinite(residual)):
+        if not np.isfinite(residual).all():
             self._compiled.rejected.add(values)
 
     def faint(self, values: Float) -> Bool:
@@ -207,7 +207,7 @@ class _Sensitivity:
             curvature: that of the data along each free value there, Float[free].
             curvature_at: computes it at other values.
         """
-        if not np.all(np.isfinite(curvature)):
+        if not np.isfinite(curvature).all():
             return np.zeros(curvature.size, dtype=bool)
         least = np.maximum(FADED**2 * self.everywhere(values), TINY**2 * self._largest(curvature))
         faint: Bool = curvature <= least
