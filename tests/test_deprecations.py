@@ -60,7 +60,10 @@ def test_the_function_for_lines_on_the_progress_may_be_stated_as_report(work):
 def test_piece_starts_of_a_dataset_may_be_stated_and_read_as_starts():
     now = kf.Dataset.of("d", LINE, piece_starts=[0, 10])
     message = "the argument starts is now called piece_starts: write piece_starts="
-    for construct in (lambda: kf.Dataset.of("d", LINE, starts=[0, 10]), lambda: dataclasses.replace(now, starts=[0, 10])):
+    for construct in (
+        lambda: kf.Dataset.of("d", LINE, starts=[0, 10]),
+        lambda: dataclasses.replace(now, starts=[0, 10]),
+    ):
         with pytest.warns(DeprecationWarning, match=message) as issued:
             former = construct()
         assert former.piece_starts.tolist() == [0, 10]

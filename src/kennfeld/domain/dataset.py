@@ -302,7 +302,9 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
 
     def __repr__(self) -> str:
         pieces = f" in {self.piece_starts.size} pieces" if self.piece_starts.size > 1 else ""
-        kind = f" over {self.time[-1] - self.time[0]:g} s" if self.time is not None and self.piece_starts.size == 1 else ""
+        kind = (
+            f" over {self.time[-1] - self.time[0]:g} s" if self.time is not None and self.piece_starts.size == 1 else ""
+        )
         channels = join_names(list(self), MAX_NAMES)
         return f"Dataset({self.name!r}, {count_noun(self.samples, 'sample')}{pieces}{kind}: {channels})"
 

@@ -32,7 +32,15 @@ from kennfeld.measurement.reader import read_leniently
 from kennfeld.measurement.source import MeasurementFile, locate
 
 _NOTES = b"kennfeld"
-_STORED = ("name", "channels", "time", "piece_starts", "clock", "findings", "start_time")  # what is written of a dataset
+_STORED = (
+    "name",
+    "channels",
+    "time",
+    "piece_starts",
+    "clock",
+    "findings",
+    "start_time",
+)  # what is written of a dataset
 _ADDED = ("files",)  # by whoever reads the entry
 
 _MAX_SIZE = 2_000_000_000  # bytes of a folder

@@ -184,7 +184,10 @@ def _find_starts(dataset: Dataset, valid: Bool) -> Int:
     fresh[dataset.piece_starts] = True
     # this marks samples inside a gap as well, but only valid ones are returned
     fresh[1:] |= ~valid[:-1]
-    if dataset.time is not None and (longest := _longest_step(dataset.time, dataset.piece_starts, dataset.max_gap)) < np.inf:
+    if (
+        dataset.time is not None
+        and (longest := _longest_step(dataset.time, dataset.piece_starts, dataset.max_gap)) < np.inf
+    ):
         for first, steps in time_steps(dataset.time, dataset.piece_starts):
             fresh[first : first + steps.size] |= steps > longest
     return np.flatnonzero(fresh[valid])

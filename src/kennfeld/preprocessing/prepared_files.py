@@ -184,7 +184,9 @@ def cut(data: Dataset, first: int, last: int) -> Dataset:
     time = None if data.time is None else data.time[first:last]
     scored, recorded = (None if marks is None else marks[first:last] for marks in (data.scored, data.recorded))
     files = None if data.files is None else data.files.cut(first, last)
-    return replace(data, channels=channels, time=time, piece_starts=starts, scored=scored, files=files, recorded=recorded)
+    return replace(
+        data, channels=channels, time=time, piece_starts=starts, scored=scored, files=files, recorded=recorded
+    )
 
 
 @dataclass(frozen=True)
