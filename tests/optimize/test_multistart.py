@@ -319,7 +319,7 @@ def test_a_table_of_the_starts_can_be_shown():
 def test_unknown_costs_of_a_start_are_empty_cells_of_the_table():
     result = sine(starts=2)
     unknown = replace(result.starts[1], status="stopped", cost_before=math.nan, cost_after=math.nan)
-    _, _, row = replace(result, piece_starts=(result.starts[0], unknown)).starts_table()
+    _, _, row = replace(result, starts=(result.starts[0], unknown)).starts_table()
     assert row[1:4] == ("stopped", "", "")
 
 
