@@ -67,7 +67,8 @@ class Project:
     name: str
     formats: tuple[str, ...]
     file: ProjectFile = field(repr=False)
-    load: "Loader | None" = field(default=None, repr=False)
+    # a factory, so that the class itself has no attribute `load` that is None
+    load: "Loader | None" = field(default_factory=lambda: None, repr=False)
     report: Callable[[str], None] = field(default=_ignore, repr=False)
     watch: "ReadingWatch | None" = field(default=None, repr=False)  # of the reading of recordings
     further_channels: tuple[str, ...] = field(default=(), repr=False)
