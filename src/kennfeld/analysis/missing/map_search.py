@@ -1,0 +1,92 @@
+"""The second round of a search: maps over two channels that explain more than the curves of the first round."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from kennfeld.analysis.missing.channels import Channels
+from kennfeld.analysis.missing.judging import Judge
+from kennfeld.analysis.missing.map_scoring import rescored, score_maps
+from kennfeld.analysis.missing.probes import Nodes
+from kennfeld.analysis.missing.proposal import TermProposal
+from kennfeld.analysis.missing.refit import Addition, hold_out
+from kennfeld.analysis.missing.scoring import Scored
+from kennfeld.analysis.missing.shortlist import CandidateGroup, shortlist
+from kennfeld.analysis.missing.terms import Kind, describe
+from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.optimize.problem.problem import Problem
+
+LENGTH = 2  # maps that are fitted
+MARGIN = 1e-2  # of the held-out RMSE with the best curves, by which a map must lower it
+
+
+@dataclass(frozen=True)
+class MapSearch:
+    """Scores, fits and judges maps.
+
+    Attributes:
+        judge: of candidates.
+        channels: that take part.
+        nodes: that take part.
+        report: called with lines of text.
+    """
+
+    judge: Judge
+    channels: Channels
+    nodes: Nodes
+    report: Callable[[str], None]
+
+    def proposals(
+        self,
+        kinds: Sequence[Kind],
+        curves: Sequence[TermProposal],
+        extended: Problem,
+        scored: Scored,
+        rejected: list[str],
+    ) -> list[TermProposal]:
+        """Return maps that explain more on held-out data than the proposals of the first round.
+
+        They are scored beside these: what a curve explains is no reason for a map.
+
+        Args:
+            kinds: how maps are added to a node.
+            curves: the proposals of the first round.
+            extended: the function with these.
+            scored: the first round.
+            rejected: where candidates that explain no more are added in words.
+        """
+        self.report("scoring maps of two channels")
+        maps = score_maps(extended, self.channels, self.nodes, kinds, scored.scores)
+        better: list[TermProposal] = []
+        for group in shortlist(maps.scores, LENGTH, maps.candidates):
+            self.report(f"fitting a candidate: {describe(group.best.term)}")
+            # without the curves, the function can take over less of a map
+            scores = rescored(self.judge.problem, self.nodes, (group.best, *group.equal), self.channels)
+            if not scores:
+                continue
+            own = CandidateGroup(replace(scores[0], p=group.best.p), tuple(scores[1:]))
+            addition = Addition.of(self.judge.problem, own.best)
+            if reason := self._fault_beside(addition, curves, extended):
+                rejected.append(f"{describe(own.best.term)}: {reason}")
+                continue
+            change = self.judge.held_out(*self.judge.parts(), addition)
+            if reason := self.judge.fault(change):
+                rejected.append(f"{describe(own.best.term)}: {reason}")
+                continue
+            better.append(self.judge.proposal(own, addition, change, maps.candidates, scored.weights))
+        return better
+
+    def _fault_beside(self, addition: Addition, curves: Sequence[TermProposal], extended: Problem) -> str:
+        """Return why a map in place of the curves of its channels is no better than they are; "" if it is."""
+        if not curves:
+            return ""
+        others = [each for each in curves if not set(each.term.channels) & set(addition.term.channels)]
+        without = self.judge.problem
+        for each in others:
+            if each.addition is not None:
+                without = each.addition.to(without, without.parameters)
+        name, with_curves = hold_out(extended, self.judge.options)
+        _, parts = hold_out(without, self.judge.options) if others else self.judge.parts()
+        # as if the function without these curves were as good as with them
+        rivals = [replace(part, squares=curve.squares) for part, curve in zip(parts, with_curves, strict=True)]
+        reason = self.judge.fault(self.judge.held_out(name, rivals, addition), MARGIN)
+        return f"beside what better proposals explain, {reason}" if reason else ""
