@@ -72,10 +72,10 @@ def test_lines_that_the_function_can_take_over_are_locked():
     data = columns()
     curve_of_x = fitted("y = C(x) + k", {"k": 0.0, "C": CURVE}, data)[0]
     first = HatAxis("x", "x", tuple(np.linspace(-3, 3, 9)))
-    free, rows = (
-        scored(problem, lambda *given: map_families(given[0], [(axis, Z)], ["add"], *given[1:]))[0]
-        for problem, axis in ((fitted("y = k * w", {"k": 0.0}, data)[0], X), (curve_of_x, first))
+    [free] = scored(
+        fitted("y = k * w", {"k": 0.0}, data)[0], lambda *given: map_families(given[0], [(X, Z)], ["add"], *given[1:])
     )
+    [rows] = scored(curve_of_x, lambda *given: map_families(given[0], [(first, Z)], ["add"], *given[1:]))
     assert free.idle == ()
     locked = Addition.of(curve_of_x, rows).parameter.locked
     # for each x, the value at the middle z

@@ -112,7 +112,7 @@ def test_a_calibration_that_has_not_ended_is_fitted_first():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"kinds": ["curve"]}, "kinds: unknown kind 'curve'. Use add, multiply, lag, delay, offset."),
+        ({"kinds": ["curve"]}, "kinds: unknown kind 'curve'. Use add, multiply, map, lag, delay, offset."),
         ({"channels": "n"}, "channels='n' must be a list: channels=['n']"),
         ({"channels": ["c22"]}, "channels: the training data have no channel c22"),
         ({"nodes": ["drg"]}, "nodes: the function has no node drg. Did you mean drag?"),
@@ -219,3 +219,16 @@ def test_a_map_replaces_curves_of_its_channels_that_explain_less():
 def test_no_map_is_proposed_where_curves_suffice(seed):
     proposals = proposed(with_effect(lambda x, z: 3 * np.tanh(2 * x) + z**2, seed), kinds=["add", "map"], nodes=["y"])
     assert sorted(proposal.term.channels for proposal in proposals.proposals) == [("c2",), ("c3",)]
+
+
+def test_a_term_that_moves_the_function_far_is_predicted_as_it_is_fitted():
+    rng = np.random.default_rng(3)
+    data = {name: rng.uniform(-1, 1, 500) for name in ("n", "c0", "c1", "spark")}
+    optimum = 0.3 + 0.5 * data["n"] + 0.8 * data["c0"]
+    data["m"] = 10 - 8 * (optimum - data["spark"]) ** 2 + 0.3 * rng.normal(size=500)
+    text = "optimum = a + b * n\ny = t - q * (optimum - spark) * (optimum - spark)"
+    start = {"a": 0.3, "b": 0.5, "t": 10.0, "q": 8.0}
+    first = kf.propose(text, data, start, "m", kinds=["add", "multiply"])[0]
+    assert (first.term.node, first.term.channel) == ("optimum", "c0")
+    assert first.predicted == pytest.approx(first.rmse.after, rel=0.03)
+    assert first.rmse.after < 0.4

@@ -6,8 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from kennfeld.analysis.missing.few_steps import after_few_steps
 from kennfeld.analysis.missing.proposal import EqualPlace, HeldOutErrors, RmseChange, TermProposal
 from kennfeld.analysis.missing.refit import Addition, HeldOut, held_out_squares, hold_out, mean_squares, pooled
+from kennfeld.analysis.missing.score import TermScore
 from kennfeld.analysis.missing.shortlist import CandidateGroup
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.dataset import Use
@@ -60,6 +62,11 @@ class Judge:
         if whole not in self._parts:
             self._parts[whole] = hold_out(self.problem, self.options, whole=whole)
         return self._parts[whole]
+
+    def after_few_steps(self, group: CandidateGroup, others: Sequence[TermScore], weights: float) -> CandidateGroup:
+        """Return a group as a few steps of a fit leave it; see `few_steps`."""
+        squares = mean_squares(self.result.quality, "training")[0]
+        return after_few_steps(self.problem, group, others, self.options, squares, weights)
 
     def held_out(self, name: str, parts: Sequence[HeldOut], addition: Addition) -> HeldOutChange:
         """Return the errors on held-out parts, up to the part with which they can no longer be lower."""

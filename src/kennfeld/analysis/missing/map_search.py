@@ -63,7 +63,8 @@ class MapSearch:
             scores = rescored(self.judge.problem, self.nodes, (group.best, *group.equal), self.channels)
             if not scores:
                 continue
-            own = CandidateGroup(replace(scores[0], p=group.best.p), tuple(scores[1:]))
+            group = CandidateGroup(replace(scores[0], p=group.best.p), tuple(scores[1:]))
+            own = self.judge.after_few_steps(group, group.equal, scored.weights)
             addition = Addition.of(self.judge.problem, own.best)
             if reason := self._fault_beside(addition, curves, extended):
                 rejected.append(f"{describe(own.best.term)}: {reason}")

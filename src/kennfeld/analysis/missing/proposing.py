@@ -18,14 +18,12 @@ from kennfeld.analysis.missing.recordings import numbered
 from kennfeld.analysis.missing.refit import Addition, mean_squares, refit_options
 from kennfeld.analysis.missing.scoring import Scored, score_problem
 from kennfeld.analysis.missing.settled import settled_problem
-from kennfeld.analysis.missing.shortlist import CandidateGroup, shortlist
+from kennfeld.analysis.missing.shortlist import CandidateGroup, alike, shortlist
 from kennfeld.analysis.missing.terms import FORMS, Form, describe
 from kennfeld.base.arrays import ignore_floating_errors
 from kennfeld.base.errors import ArgumentError, renamed
 from kennfeld.base.formatting import nearest
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.domain.dataset import Use
-from kennfeld.domain.parameters import Parameter
 from kennfeld.optimize.fit.result import Result
 from kennfeld.optimize.problem.options import Options
 from kennfeld.optimize.problem.partitions import Partition, join_files
@@ -254,6 +252,7 @@ class _TermSearch:
         rejected: list[str] = []
         for number, group in enumerate(groups, 1):
             self._report(f"fitting candidate {number} of {len(groups)}: {describe(group.best.term)}")
+            group = self._judge.after_few_steps(group, alike(scored.scores, group), scored.weights)
             addition = Addition.of(self._judge.problem, group.best)
             change = self._judge.held_out(*self._judge.parts(whole=group.best.term.kind != "offset"), addition)
             if reason := self._judge.fault(change):

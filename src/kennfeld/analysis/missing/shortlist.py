@@ -44,5 +44,10 @@ def shortlist(scores: Sequence[TermScore], length: int = LENGTH, candidates: int
     return groups
 
 
+def alike(scores: Sequence[TermScore], group: CandidateGroup) -> list[TermScore]:
+    """Return the significant candidates of the channels, or of the kind, of a group, the best first."""
+    return [score for score in significant(scores) if _subject(score) == _subject(group.best)]
+
+
 def _subject(score: TermScore) -> tuple[str, str]:
     return (score.term.channel, score.term.second) if score.term.channel else ("", score.term.kind)
