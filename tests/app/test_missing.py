@@ -49,6 +49,7 @@ def test_a_term_is_found_and_applied_with_its_fit_as_one_command(bench: Looking)
     assert {row["name"]: row["places"] for row in offered["kinds"]} == {
         "add": 3,
         "multiply": 3,
+        "map": 3,
         "lag": 0,
         "delay": 0,
         "offset": 3,

@@ -302,7 +302,10 @@ def _not_written(project: "Project", proposal: TermProposal, reason: str) -> Inp
     """Return the error for a term that cannot be written, with the place where it is to be added."""
     place = project.file.location("model", "file")
     node = f"node {proposal.term.node}" + (f" ({proposal.location})" if proposal.location else "")
-    remedy = f"{proposal.change} where the function was made: {node}."
+    line = sentence(proposal).split("  # ")[0]
+    remedy = f"{proposal.change} where the function was made: {node}. As formula text: {line}."
+    if proposal.parameter is not None:
+        remedy += " The patch of kennfeld propose --json has the section of its parameter."
     return InputError.of(place, f"{reason}; nothing was changed", remedy)
 
 

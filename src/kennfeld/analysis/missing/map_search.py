@@ -3,6 +3,8 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from kennfeld.analysis.missing.channels import Channels
 from kennfeld.analysis.missing.judging import Judge
 from kennfeld.analysis.missing.map_scoring import rescored, score_maps
@@ -13,7 +15,9 @@ from kennfeld.analysis.missing.scoring import Scored
 from kennfeld.analysis.missing.shortlist import CandidateGroup, shortlist
 from kennfeld.analysis.missing.terms import Kind, describe
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.parameters import Axis, Curve, Parameter
 from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.search.multistart import run
 
 LENGTH = 2  # maps that are fitted
 MARGIN = 1e-2  # of the held-out RMSE with the best curves, by which a map must lower it
@@ -45,7 +49,7 @@ class MapSearch:
     ) -> list[TermProposal]:
         """Return maps that explain more on held-out data than the proposals of the first round.
 
-        They are scored beside these: what a curve explains is no reason for a map.
+        They are scored beside these, with more breakpoints: what a curve explains is no reason for a map.
 
         Args:
             kinds: how maps are added to a node.
@@ -55,6 +59,7 @@ class MapSearch:
             rejected: where candidates that explain no more are added in words.
         """
         self.report("scoring maps of two channels")
+        extended = self._with_finer_curves(curves, extended)
         maps = score_maps(extended, self.channels, self.nodes, kinds, scored.scores)
         better: list[TermProposal] = []
         for group in shortlist(maps.scores, LENGTH, maps.candidates):
@@ -75,6 +80,28 @@ class MapSearch:
                 continue
             better.append(self.judge.proposal(own, addition, change, maps.candidates, scored.weights))
         return better
+
+    def _with_finer_curves(self, curves: Sequence[TermProposal], extended: Problem) -> Problem:
+        """Return the function with curves of twice the breakpoints, fitted.
+
+        What a curve of few points leaves of its own bends, a map over a correlated channel would seem to explain.
+        """
+        problem, start = self.judge.problem, extended.parameters
+        finer: list[Parameter] = []
+        for each in curves:
+            assert each.addition is not None
+            parameter = each.addition.parameter
+            if parameter is not None and each.term.channel and not each.term.second:
+                x = np.array(each.term.breakpoints)
+                x = np.sort(np.concatenate([x, 0.5 * (x[1:] + x[:-1])]))
+                finer.append(Curve(parameter.name, Axis(x, each.term.channel), start[parameter.name](x)))
+                problem = replace(each.addition, parameter=finer[-1]).to(problem, problem.parameters)
+            else:
+                problem = each.addition.to(problem, problem.parameters)
+        if not finer:
+            return extended
+        began = replace(problem, parameters=start.with_parameters(*finer))
+        return replace(began, parameters=run(began, self.judge.options).parameters)
 
     def _fault_beside(self, addition: Addition, curves: Sequence[TermProposal], extended: Problem) -> str:
         """Return why a map in place of the curves of its channels is no better than they are; "" if it is."""

@@ -76,10 +76,11 @@ class MissingTerm:
     def parameter(self, name: str) -> Parameter | None:
         """Return the new parameter without effect; a lag starts at its time constant, a delay has none."""
         if self.kind in OF_CHANNELS:
-            axes = [Axis(self.breakpoints, self.channel)]
-            axes += [Axis(self.second_breakpoints, self.second)] if self.second else []
-            values = np.full([len(axis.breakpoints) for axis in axes], 1.0 if self.kind == "multiply" else 0.0)
-            return Map(name, *axes, values) if self.second else Curve(name, *axes, values)
+            neutral, x = 1.0 if self.kind == "multiply" else 0.0, Axis(self.breakpoints, self.channel)
+            if not self.second:
+                return Curve(name, x, np.full(len(x), neutral))
+            y = Axis(self.second_breakpoints, self.second)
+            return Map(name, x, y, np.full((len(x), len(y)), neutral))
         if self.kind == "offset":
             return Curve(name, Axis(self.breakpoints, RECORDING), np.zeros(len(self.breakpoints)))
         return Scalar(name, self.seconds, unit="s", lower=0.0) if self.kind == "lag" else None

@@ -93,13 +93,7 @@ function drawTable(
 }
 
 /** Draw the values of a map as cells with their numbers: the first channel to the right, the second one upwards. */
-function drawMap(
-  pen: Pen,
-  { left, right, top, bottom }: Box,
-  head: ShownTerm,
-  kind: string,
-  node: string,
-): void {
+function drawMap(pen: Pen, { left, right, top, bottom }: Box, head: ShownTerm, kind: string, node: string): void {
   const [nx, ny] = [head.points.length, head.secondPoints.length];
   const box = { left, right, top: top + 16, bottom: bottom - 18 };
   const at = (i: number, j: number) => head.now[i * ny + j] ?? NaN;
@@ -130,7 +124,13 @@ function drawMap(
   });
   pen.textBaseline = "alphabetic";
   const verb = kind === "multiply" ? `factor on ${node}` : `added to ${node}`;
-  note(pen, `${verb}; ${withUnit(head.second, head.secondUnit)} upwards, no term: ${head.neutral}`, left, top + 8, "text");
+  note(
+    pen,
+    `${verb}; ${withUnit(head.second, head.secondUnit)} upwards, no term: ${head.neutral}`,
+    left,
+    top + 8,
+    "text",
+  );
 }
 
 function drawCurve(
