@@ -52,6 +52,17 @@ def write_bench(folder, planted="drag", more="", timed=False, files=3, samples=1
     return path
 
 
+def plant_map(folder, files=3):
+    """Let speed and oil act together on what the recordings measure, so that no curve explains it."""
+    for number in range(files):
+        file = folder / f"run_{number}.csv"
+        head, *rows = [row.split(",") for row in file.read_text(encoding="utf-8").splitlines()]
+        speed, oil, m = (head.index(name) for name in ("speed", "oil", "m"))
+        for row in rows:
+            row[m] = f"{float(row[m]) - (float(row[speed]) - 0.5) * (float(row[oil]) - 0.5):.5f}"
+        file.write_text("\n".join(map(",".join, [head, *rows])) + "\n", encoding="utf-8")
+
+
 def test_a_channel_that_the_project_does_not_read_is_proposed(tmp_path):
     path = write_bench(tmp_path)
     proposals = Project.read(path).propose(kinds=["add"])
@@ -81,13 +92,7 @@ def test_a_proposal_is_written_into_both_files_and_taken_back(tmp_path):
 
 def test_a_map_is_written_with_both_axes_and_without_what_the_function_has_already(tmp_path):
     path = write_bench(tmp_path, planted="")
-    for number in range(3):
-        file = tmp_path / f"run_{number}.csv"
-        head, *rows = [row.split(",") for row in file.read_text(encoding="utf-8").splitlines()]
-        speed, oil, m = (head.index(name) for name in ("speed", "oil", "m"))
-        for row in rows:
-            row[m] = f"{float(row[m]) - (float(row[speed]) - 0.5) * (float(row[oil]) - 0.5):.5f}"
-        file.write_text("\n".join(map(",".join, [head, *rows])) + "\n", encoding="utf-8")
+    plant_map(tmp_path)
     project = Project.read(path)
     proposal = project.propose(kinds=["map"], nodes=["drag"], channels=["speed", "oil"])[0]
     assert proposal.change == "Add a map of speed and oil to drag"

@@ -226,8 +226,8 @@ def test_a_term_that_moves_the_function_far_is_predicted_as_it_is_fitted():
     data = {name: rng.uniform(-1, 1, 500) for name in ("n", "c0", "c1", "spark")}
     optimum = 0.3 + 0.5 * data["n"] + 0.8 * data["c0"]
     data["m"] = 10 - 8 * (optimum - data["spark"]) ** 2 + 0.3 * rng.normal(size=500)
-    text = "optimum = a + b * n\ny = t - q * (optimum - spark) * (optimum - spark)"
-    start = {"a": 0.3, "b": 0.5, "t": 10.0, "q": 8.0}
+    text = "optimum = a + b * n\ny = top - q * (optimum - spark) * (optimum - spark)"
+    start = {"a": 0.3, "b": 0.5, "top": 10.0, "q": 8.0}
     first = kf.propose(text, data, start, "m", kinds=["add", "multiply"])[0]
     assert (first.term.node, first.term.channel) == ("optimum", "c0")
     assert first.predicted == pytest.approx(first.rmse.after, rel=0.03)

@@ -30,10 +30,11 @@ Pair = tuple[HatAxis, HatAxis]
 
 @dataclass(frozen=True)
 class MapScores:
-    """The scores of maps, and how many candidates were tried."""
+    """The scores of maps, how many candidates were tried, and the cost of the data without them."""
 
     scores: tuple[TermScore, ...] = ()
     candidates: int = 0
+    cost: float = 0.0
 
 
 def map_kinds(kinds: Sequence[Form]) -> tuple[Kind, ...]:
@@ -69,7 +70,8 @@ def score_maps(
         pairs = _chosen(every, products, _significant_channels(curves))
         maps = [*scorer.scores(map_families(probes, pairs, kinds, nodes.constant, free))]
     chances = {_place(score): score.p for score in products}
-    return MapScores(tuple(_with_product(score, chances) for score in maps), len(products) + len(maps))
+    scores = tuple(_with_product(score, chances) for score in maps)
+    return MapScores(scores, len(products) + len(maps), scorer.linear.cost)
 
 
 def rescored(problem: Problem, nodes: Nodes, scores: Sequence[TermScore], channels: Channels) -> list[TermScore]:

@@ -10,7 +10,7 @@ from kennfeld.analysis.missing.judging import Judge
 from kennfeld.analysis.missing.map_scoring import rescored, score_maps
 from kennfeld.analysis.missing.probes import Nodes
 from kennfeld.analysis.missing.proposal import TermProposal
-from kennfeld.analysis.missing.refit import Addition, hold_out
+from kennfeld.analysis.missing.refit import Addition, hold_out, pooled
 from kennfeld.analysis.missing.scoring import Scored
 from kennfeld.analysis.missing.shortlist import CandidateGroup, shortlist
 from kennfeld.analysis.missing.terms import Kind, describe
@@ -21,6 +21,8 @@ from kennfeld.optimize.search.multistart import run
 
 LENGTH = 2  # maps that are fitted
 MARGIN = 1e-2  # of the held-out RMSE with the best curves, by which a map must lower it
+SHARE = 0.1  # of what the curves explain, that a map with six times their values must explain more
+LITTLE = "explains little that better proposals do not"
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,9 @@ class MapSearch:
         maps = score_maps(extended, self.channels, self.nodes, kinds, scored.scores)
         better: list[TermProposal] = []
         for group in shortlist(maps.scores, LENGTH, maps.candidates):
+            if curves and group.best.gain < SHARE * (scored.data_cost - maps.cost):
+                rejected.append(f"{describe(group.best.term)}: {LITTLE}")
+                continue
             self.report(f"fitting a candidate: {describe(group.best.term)}")
             # without the curves, the function can take over less of a map
             scores = rescored(self.judge.problem, self.nodes, (group.best, *group.equal), self.channels)
@@ -116,5 +121,9 @@ class MapSearch:
         _, parts = hold_out(without, self.judge.options) if others else self.judge.parts()
         # as if the function without these curves were as good as with them
         rivals = [replace(part, squares=curve.squares) for part, curve in zip(parts, with_curves, strict=True)]
-        reason = self.judge.fault(self.judge.held_out(name, rivals, addition), MARGIN)
-        return f"beside what better proposals explain, {reason}" if reason else ""
+        change = self.judge.held_out(name, rivals, addition)
+        if reason := self.judge.fault(change, MARGIN):
+            return f"beside better proposals, {reason}"
+        plain = [part.squares for part in self.judge.parts()[1]]
+        explained = pooled(plain, rivals) ** 2 - change.rmse.before**2
+        return LITTLE if change.rmse.explained**2 < SHARE * explained else ""
