@@ -11,7 +11,7 @@ from kennfeld.design.information import Information
 from kennfeld.design.open_directions import amount_of, reduced_functions, regular_curvature
 from kennfeld.design.point_design import design_points, point_kinds
 from kennfeld.design.segment_design import design_segments, reduce_recordings
-from kennfeld.design.segments import cut_segments
+from kennfeld.design.segments import cut_files, cut_segments
 from tests.design.fits import MAP, drive, fitted, lag_fit, map_fit, product_fit, surface
 
 NARROW, WIDE = (0.0, 0.25, 0.5), (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -396,3 +396,10 @@ def test_a_stopped_choice_of_points_says_so():
     proposal, chosen = design_points(fit, columns, 5, fit.problem.datasets, stop=lambda: True)
     assert chosen.size == 1
     assert "stopped: 1 of 5 points were chosen" in str(proposal.findings[-1])
+
+
+def test_recordings_of_one_name_are_told_apart():
+    drives = [drive(30, NARROW, 1), drive(30, WIDE, 2), drive(30, NARROW, 1)]
+    assert [each.file for each in cut_files(drives)] == ["drive (1)", "drive (2)", "drive (3)"]
+    segments = cut_segments([*drives[:2], drive(30, WIDE, 3, name="other")], 15.0, 0.0)
+    assert [each.file for each in segments] == ["drive (1)"] * 2 + ["drive (2)"] * 2 + ["other"] * 2

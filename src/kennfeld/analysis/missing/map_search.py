@@ -22,6 +22,7 @@ from kennfeld.optimize.search.multistart import run
 LENGTH = 2  # maps that are fitted
 MARGIN = 1e-2  # of the held-out RMSE with the best curves, by which a map must lower it
 SHARE = 0.1  # of what the curves explain, that a map with six times their values must explain more
+OPEN = "cannot be judged, as the fit with a proposed curve of its channels has not ended: apply the curve first"
 LITTLE = "explains little that better proposals do not"
 
 
@@ -61,12 +62,16 @@ class MapSearch:
             rejected: where candidates that explain no more are added in words.
         """
         self.report("scoring maps of two channels")
-        extended = self._with_finer_curves(curves, extended)
+        extended, converged = self._with_finer_curves(curves, extended)
+        known = {channel for each in curves for channel in each.term.channels}
         maps = score_maps(extended, self.channels, self.nodes, kinds, scored.scores)
         better: list[TermProposal] = []
         for group in shortlist(maps.scores, LENGTH, maps.candidates):
             if curves and group.best.gain < SHARE * (scored.data_cost - maps.cost):
                 rejected.append(f"{describe(group.best.term)}: {LITTLE}")
+                continue
+            if not converged and known & set(group.best.term.channels):
+                rejected.append(f"{describe(group.best.term)}: {OPEN}")
                 continue
             self.report(f"fitting a candidate: {describe(group.best.term)}")
             # without the curves, the function can take over less of a map
@@ -86,8 +91,8 @@ class MapSearch:
             better.append(self.judge.proposal(own, addition, change, maps.candidates, scored.weights))
         return better
 
-    def _with_finer_curves(self, curves: Sequence[TermProposal], extended: Problem) -> Problem:
-        """Return the function with curves of twice the breakpoints, fitted.
+    def _with_finer_curves(self, curves: Sequence[TermProposal], extended: Problem) -> tuple[Problem, bool]:
+        """Return the function with curves of twice the breakpoints, fitted, and if that fit has converged.
 
         What a curve of few points leaves of its own bends, a map over a correlated channel would seem to explain.
         """
@@ -104,9 +109,10 @@ class MapSearch:
             else:
                 problem = each.addition.to(problem, problem.parameters)
         if not finer:
-            return extended
+            return extended, True
         began = replace(problem, parameters=start.with_parameters(*finer))
-        return replace(began, parameters=run(began, self.judge.options).parameters)
+        result = run(began, self.judge.options)
+        return replace(began, parameters=result.parameters), result.converged
 
     def _fault_beside(self, addition: Addition, curves: Sequence[TermProposal], extended: Problem) -> str:
         """Return why a map in place of the curves of its channels is no better than they are; "" if it is."""
