@@ -20,7 +20,7 @@ from kennfeld.project.schema import ProjectFile, read_project
 
 if TYPE_CHECKING:
     from kennfeld.analysis.missing.proposal import TermProposal, TermProposals
-    from kennfeld.analysis.missing.terms import Kind
+    from kennfeld.analysis.missing.terms import Form
     from kennfeld.base.dask_runner import ClusterAddress
     from kennfeld.base.task_runner import TaskRunner
     from kennfeld.optimize.fit.result import Result
@@ -332,7 +332,7 @@ class Project:
         *,
         channels: Sequence[str] = ("*",),
         nodes: Sequence[str] = ("*",),
-        kinds: "Sequence[Kind]" = ("add", "multiply", "lag", "delay", "offset"),
+        kinds: "Sequence[Form]" = ("add", "multiply", "map", "lag", "delay", "offset"),
         least: float = 0.0,
         progress: Callable[[str], None] | None = None,
         report: Callable[[str], None] | None = None,
@@ -345,7 +345,7 @@ class Project:
         Args:
             channels: glob patterns of the channels that take part; by default all of the recordings.
             nodes: glob patterns of the nodes that take part.
-            kinds: `add`, `multiply`, `lag`, `delay`, `offset` of each recording.
+            kinds: `add`, `multiply`, `map` of two channels, `lag`, `delay`, `offset` of each recording.
             least: effect that a proposal must explain on held-out data, in the unit of the target.
             progress: called with lines of text.
             report: former name of `progress`.
