@@ -13,10 +13,9 @@ from math import copysign
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kennfeld.base.archives import with_members
-from kennfeld.base.arrays import Float
+from kennfeld.base.arrays import Bool, Float
 from kennfeld.base.errors import Findings, InputError, Location
 from kennfeld.base.formatting import join_names, size_text
 from kennfeld.base.lazy_dataclass import dataclass
@@ -187,16 +186,17 @@ def _fault(span: NumberSpan, kind: str, values: Float) -> tuple[str, str] | None
     return None
 
 
-def _holds(kind: str, values: Float) -> NDArray[np.bool_]:
+def _holds(kind: str, values: Float) -> Bool:
+    """Mark the values that a class holds, Bool[...]."""
     if kind == "double":
         return np.ones(values.shape, bool)
     if kind == "single":
-        return ~np.isfinite(values) | (np.abs(values) <= np.finfo(np.float32).max)
+        return np.asarray(~np.isfinite(values) | (np.abs(values) <= np.finfo(np.float32).max))
     if kind in TRUTHS:
-        return (values == 0) | (values == 1)
+        return np.asarray((values == 0) | (values == 1))
     limits = np.iinfo(kind)
     # a limit of 64 bits is none of double precision, and rounds to a power of two beyond it
-    return (np.rint(values) == values) & (values >= limits.min) & (values < float(limits.max) + 1)
+    return np.asarray((np.rint(values) == values) & (values >= limits.min) & (values < float(limits.max) + 1))
 
 
 def _remedy(kind: str) -> str:
