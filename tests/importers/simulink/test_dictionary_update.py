@@ -214,12 +214,13 @@ def test_truths_are_written_as_the_file_writes_them(kind, words, expected, writt
 
 def test_numbers_that_stay_and_all_else_are_the_same_bytes(written, tmp_path):
     kept = '<P Name="Value" Class="double" Dimension="2*2">1e3 -0.0 NaN 2</P>'
+    single = '<P Name="Value" Class="single">0.05</P>'
     chunks = [
-        {"A": kept, "K": entry(1.0)},
+        {"A": kept, "K": entry(1.0), "F": single},
         {"Motor": thing("Simulink.Bus", Elements=thing("Simulink.BusElement", "Elements", Min=1.0, Max=2.0)),
          "S": entry({"a": "x", "b": [[1.0, 2.0]]}), "Odd": '<P Name="Value" Class="table">é</P>'},
     ]  # fmt: skip
-    written([Block("A", [[1000.0, np.nan], [-0.0, 2.0]]), Scalar("K", 2.0)], *chunks)
+    written([Block("A", [[1000.0, np.nan], [-0.0, 2.0]]), Scalar("K", 2.0), Scalar("F", 0.05)], *chunks)
     with zipfile.ZipFile(tmp_path / "old.sldd") as old, zipfile.ZipFile(tmp_path / "new.sldd") as new:
         first = old.read("data/chunk0.xml").replace(b">1.0<", b">2.0<")
         assert new.read("data/chunk0.xml") == first

@@ -165,9 +165,9 @@ def _stored(dictionary: Dictionary, name: str) -> StoredVariable | None:
 
 
 def _kind(span: NumberSpan, stored: StoredVariable | None) -> str:
-    """Return the class that the numbers have in the end: that of the text, or a narrower type of its object."""
+    """Return the class that the numbers have in the end: that of the text, or a whole type of its object."""
     stated = stored.type if stored is not None else ""
-    return stated if span.kind in REAL and stated in ("single", "boolean", *INTEGERS) else span.kind
+    return stated if span.kind in REAL and stated in ("boolean", *INTEGERS) else span.kind
 
 
 def _fault(span: NumberSpan, kind: str, values: Float) -> tuple[str, str] | None:
@@ -207,9 +207,11 @@ def _remedy(kind: str) -> str:
 
 def _text(span: NumberSpan, kind: str, values: Float) -> str:
     """Return numbers as the text of a property; numbers that stay are written as they were."""
-    values = values.astype(np.float32).astype(np.float64) if kind == "single" else values
-    old = [float(_TRUTH.get(word, word)) for word in span.words]
-    pairs = zip(span.words, old, values.tolist(), strict=True)
+    old = np.array([float(_TRUTH.get(word, word)) for word in span.words])
+    if kind == "single":
+        # 0.05 in the file is the number that 0.05 becomes in single precision
+        old, values = (each.astype(np.float32).astype(np.float64) for each in (old, values))
+    pairs = zip(span.words, old.tolist(), values.tolist(), strict=True)
     return " ".join(word if _same(before, value) else _word(span, value) for word, before, value in pairs)
 
 
