@@ -1480,6 +1480,12 @@ export interface ControlUnit {
   count: number;
   /** The C compiler of this computer; empty if there is none. */
   compiler: string;
+  /** This machine, as FMI 3.0 names it. */
+  platform: string;
+  /** Other machines for which an FMU can have a library. */
+  platforms: ("x86_64-windows" | "x86_64-linux" | "aarch64-linux" | "x86_64-darwin" | "aarch64-darwin")[];
+  /** Why it cannot on this computer; empty if it can. */
+  cross: string;
   /** Endings of calibration files that can be written, those of the project first. */
   formats: string[];
   /** Those of the project. */
@@ -1636,6 +1642,8 @@ export interface UnitCommand {
   inputs?: "start" | "end";
   /** Of an FMU in s; null for that of the function or its data. */
   step?: number | null;
+  /** Machines for which an FMU has a library in addition to this one. */
+  platforms?: ("x86_64-windows" | "x86_64-linux" | "aarch64-linux" | "x86_64-darwin" | "aarch64-darwin")[];
   /** Of the project's folder. */
   folder?: string;
   /** Write what the function calculates over all data, as MDF. */

@@ -371,6 +371,10 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
             raise KeyError(f"{name} is not a channel of dataset {self.name}. {nearest(name, by_name)}".strip())
         return by_name[name]
 
+    def __contains__(self, name: object) -> bool:
+        # that of `Mapping` asks for the channel, and an error looks for similar names
+        return name in self.__dict__["_by_name"]
+
     def __iter__(self) -> Iterator[str]:
         return iter(self.__dict__["_by_name"])
 
