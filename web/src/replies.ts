@@ -1838,7 +1838,7 @@ export interface TermChannel {
 
 /** A kind of terms, with the number of nodes at which it is tried; 0 if the data have no time, or few recordings. */
 export interface TermKind {
-  name: "add" | "multiply" | "lag" | "delay" | "offset";
+  name: "add" | "multiply" | "map" | "lag" | "delay" | "offset";
   places: number;
 }
 
@@ -1871,6 +1871,8 @@ export interface TermRow {
   node: string;
   kind: "add" | "multiply" | "lag" | "delay" | "offset";
   channel: string;
+  /** The second channel of a map. */
+  second: string;
   training: BeforeAfter;
   heldOut: BeforeAfter;
   /** What was held out. */
@@ -1926,9 +1928,14 @@ export interface ShownTerm {
   /** The channel, with its unit in `input_unit`. */
   input: string;
   inputUnit: string;
-  /** Breakpoints of a curve. */
+  /** The second channel of a map, with its unit in `second_unit`. */
+  second: string;
+  secondUnit: string;
+  /** Breakpoints of a curve, or of the first channel of a map. */
   points: number[];
-  /** Its values; the time constant of a lag. */
+  /** Those of the second channel. */
+  secondPoints: number[];
+  /** The values, of a map row by row, one for each of `points`; the time constant of a lag. */
   now: number[];
   /** Standard deviation of each; null if nothing determines one. */
   deviation: (number | null)[];
@@ -2358,7 +2365,7 @@ export interface DesignQuestion {
 export interface TermQuestion {
   channels?: string[] | null;
   nodes?: string[] | null;
-  kinds?: ("add" | "multiply" | "lag" | "delay" | "offset")[] | null;
+  kinds?: ("add" | "multiply" | "map" | "lag" | "delay" | "offset")[] | null;
   /** Effect that a proposal must explain on held-out data, in the unit of the target. */
   least?: number;
 }

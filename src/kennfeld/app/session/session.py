@@ -152,7 +152,20 @@ class Session:
         `tables` are those for which the values of the command were given; by default the present ones.
         """
         joined = self.history.joins(drag)
-        self._change(lambda: self.history.do(command, drag, tables), joined=joined)
+
+        def change() -> None:
+            before = self.state.texts.keys()
+            self.history.do(command, drag, tables)
+            self._hold_replaced(self.state.texts.keys() - before)
+
+        self._change(change, joined=joined)
+
+    def _hold_replaced(self, names: Collection[str]) -> None:
+        """Let earlier states hold files that a command has replaced for the first time."""
+        self._files.note(names)
+        texts = {name: text for name in names if (text := self._files.known[name]) is not None}
+        if texts:
+            self.saved = self.history.hold(texts, self.saved)
 
     def key_command(self, title: str, changes: Sequence[tuple[Sequence[str | int], Any]]) -> SetKeys:
         """Return a command that sets keys of the project file; a value that was saved gets its notation back."""
@@ -398,7 +411,7 @@ class Session:
     @property
     def has_edits(self) -> bool:
         """True if something is not saved."""
-        return bool(self.history.titles_since(self.saved))
+        return self.state != self.saved
 
     @property
     def formula_file(self) -> str:
