@@ -5,7 +5,7 @@ import pytest
 
 from kennfeld import ArgumentError, InputError, Project, export_function, formula
 from kennfeld.cli import run
-from kennfeld.export.comparison import deviations
+from kennfeld.export.comparison import CodeComparison, OutputDeviation, deviations
 from kennfeld.export.host_compiler import CompilationError, HostCompiler
 from tests.export.compiled import needs_compiler
 
@@ -100,6 +100,21 @@ def test_without_a_compiler_the_code_is_written_and_a_remark_says_that_it_is_not
 def test_a_value_that_is_not_finite_on_one_side_only_deviates_without_limit():
     got, expected = np.array([[1.0, np.nan], [np.inf, 2.0]]), np.array([[1.0, np.nan], [1.0, 2.5]])
     assert deviations(got, expected).tolist() == [0.0, np.inf]
+
+
+def test_code_that_no_data_were_compared_with_is_not_called_equal():
+    comparison = CodeComparison("cc", 0, (OutputDeviation("y", "", 0.0, 0.0),))
+    assert not comparison.is_exact
+    assert str(comparison) == "compiled with cc, but not compared: the data have no samples"
+
+
+@needs_compiler
+def test_an_output_that_is_nan_throughout_is_compared_without_a_warning(project, tmp_path):
+    values = Project.read(project).problem().parameters
+    unknown = values.with_parameters(values["M"].with_values(np.full((3, 2), np.nan)))
+    comparison = export_function(Project.read(project), unknown, tmp_path / "out").comparison
+    assert comparison.is_exact
+    assert comparison.outputs[0].range == 0
 
 
 def test_the_command_warns_of_values_that_are_not_calibrated(project, capsys):

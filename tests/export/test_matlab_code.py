@@ -12,11 +12,13 @@ from tests.export.test_c_code import NAMES, TEXT, _values
 OCTAVE = shutil.which("octave")
 
 
-def in_octave(model, parameters, columns, folder):
+def in_octave(model, parameters, columns, folder, name="f"):
     """Return all outputs, Float[outputs, samples], computed by Octave."""
-    function = prepared(model, parameters)
-    for name, text in write_matlab(function).items():
-        (folder / name).write_text(text, encoding="utf-8")
+    function = prepared(model, parameters, name=name)
+    files = write_matlab(function)
+    for file, text in files.items():
+        (folder / file).write_text(text, encoding="utf-8")
+    step = min(files, key=len).removesuffix(".m")
     # NaN and infinities in a form that both read
     for signal in function.inputs:
         np.asarray(columns[signal.name], dtype=np.float64).tofile(folder / f"{signal.member}.bin")
@@ -24,7 +26,7 @@ def in_octave(model, parameters, columns, folder):
     sets = [f"u.{u.member} = all_{u.member}(k);" for u in function.inputs]
     count = len(columns[function.inputs[0].name])
     rows = ", ".join(f"y.{y.member}" for y in function.outputs)
-    loop = [f"for k = 1:{count}", *sets, "[y, s] = f(u, s);", f"out(:, k) = [{rows}];", "end"]
+    loop = [f"for k = 1:{count}", *sets, f"[y, s] = {step}(u, s);", f"out(:, k) = [{rows}];", "end"]
     end = ["fwrite(fopen('out.bin', 'w'), out, 'double'); fflush(stdout); fclose('all');"]
     begin = ["s = [];", f"out = zeros({len(function.outputs)}, {count});"]
     (folder / "drive.m").write_text("\n".join([*reads, *begin, *loop, *end]))
@@ -67,3 +69,18 @@ def test_maps_have_a_row_for_each_x():
 def test_keywords_of_matlab_are_not_names():
     code = write_matlab(prepared(formula("y = %end% * 2"), ParameterSet()))["f.m"]
     assert "u.end_ * 2.0" in code
+
+
+def test_a_keyword_does_not_become_the_name_of_another_signal():
+    code = write_matlab(prepared(formula("y = %end% * 2 + %end_%"), ParameterSet()))["f.m"]
+    assert "u.end__ * 2.0" in code
+    assert "u.end_;" in code
+
+
+@pytest.mark.skipif(OCTAVE is None, reason="Octave is not installed")
+@pytest.mark.parametrize("name", ["exp", "lesser"])
+def test_a_function_with_the_name_of_one_that_it_calls_does_not_call_itself(name, tmp_path):
+    model = formula("y = min(exp(u), 2)")
+    columns = {"u": np.array([-1.0, 0.5, 3.0])}
+    got = in_octave(model, ParameterSet(), columns, tmp_path, name=name)
+    np.testing.assert_allclose(got, [np.minimum(np.exp(columns["u"]), 2)], rtol=1e-15)

@@ -1,6 +1,6 @@
 """Export of a function with its calibration: `export_function`."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal, get_args
@@ -10,7 +10,6 @@ import numpy as np
 from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location
 from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.fmi_platform import platform_tuple
-from kennfeld.base.formatting import join_names
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.storage import StorageRounding
@@ -28,6 +27,7 @@ from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.problem.setup import start_parameters
 from kennfeld.project import Project
 from kennfeld.project.folder_replacement import move, scratch_folder
+from kennfeld.project.replaced_values import replaced_value_findings
 from kennfeld.project.simulation import replace_parameters
 
 Language = Literal["c", "fmu", "m"]
@@ -189,20 +189,8 @@ def project_contents(project: Project, parameters: ParameterSet | None, settings
     location = Location(project.path.name)
     data = None if project.is_partitioned else problem
     contents = _contents(problem.model, values, settings, location, name, data, problem.rounding)
-    kept = () if parameters is None else _kept_initial(problem, parameters, location)
-    return replace(contents, findings=(*kept, *contents.findings))
-
-
-def _kept_initial(problem: Problem, parameters: ParameterSet, location: Location) -> Iterator[Finding]:
-    """Yield a finding on the parameters of the function that a calibration does not state."""
-    needed = problem.model.graph.parameters
-    kept = [name for name in needed if name not in parameters]
-    if kept and len(kept) == len(needed):
-        message = "the calibration has no parameter of the function: the initial values are exported"
-        yield Finding(location, message, "Check the names in the calibration file.", severity="warning")
-    elif kept:
-        message = f"initial values are exported for {join_names(kept)}, which the calibration does not state"
-        yield Finding(location, message, severity="remark")
+    replaced = () if parameters is None else replaced_value_findings(problem, parameters, location)
+    return replace(contents, findings=(*replaced, *contents.findings))
 
 
 def _model(function: Model | str, parameters: Start | None) -> Model:

@@ -35,10 +35,12 @@ class CodeComparison:
 
     @property
     def is_exact(self) -> bool:
-        """True if all bits are equal."""
-        return all(output.largest == 0 for output in self.outputs)
+        """True if all bits are equal; of no samples, nothing is known."""
+        return self.samples > 0 and all(output.largest == 0 for output in self.outputs)
 
     def __str__(self) -> str:
+        if not self.samples:
+            return f"compiled with {self.compiler}, but not compared: the data have no samples"
         head = f"compiled with {self.compiler} over {count_noun(self.samples, 'sample')}: "
         if self.is_exact:
             return head + "equal to the simulation, bit for bit"
@@ -65,9 +67,11 @@ def compare(
         expected = simulator.values(bound, function.values)
         got = compiled.over(bound.columns, bound.count, bound.starts.tolist())
         largest = np.maximum(largest, deviations(got, expected))
-        low, high = np.fmin(low, np.nanmin(expected, axis=1)), np.fmax(high, np.nanmax(expected, axis=1))
+        # of an output that is NaN throughout, there is no range
+        low, high = np.fmin(low, np.fmin.reduce(expected, axis=1)), np.fmax(high, np.fmax.reduce(expected, axis=1))
         samples += bound.count
-    spans = np.where(high > low, high - low, 0.0)
+    with np.errstate(invalid="ignore"):
+        spans = np.where(high > low, high - low, 0.0)
     rows = zip(function.outputs, largest, spans, strict=True)
     return CodeComparison(
         compiler.name, samples, tuple(OutputDeviation(y.name, y.unit, float(d), float(r)) for y, d, r in rows)

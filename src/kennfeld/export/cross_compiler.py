@@ -35,7 +35,8 @@ class CrossCompiler(HostCompiler):
         if find_spec("ziglang") is None:
             message = f"a library for {platform} needs the package ziglang, which is not installed"
             raise ArgumentError(f"{message}. Run: pip install kennfeld[platforms]")
-        return cls((sys.executable, "-m", "ziglang", "cc", "-target", _TARGETS[platform]))
+        # stripped, as it would hold the paths of this machine for debuggers, of a folder with another name every time
+        return cls((sys.executable, "-m", "ziglang", "cc", "-s", "-target", _TARGETS[platform]))
 
     @property
     def timeout(self) -> float:

@@ -195,7 +195,10 @@ def _library(compiler: HostCompiler, library: str, sources: Mapping[str, str]) -
         for file, text in sources.items():
             (folder / file).write_text(text, encoding="utf-8")
         target = folder / library
-        compiler.shared_library([folder / file for file in sorted(sources) if file.endswith(".c")], target, FLAGS)
+        # else a library of macOS states the path at which it was made, in this folder
+        named = (f"-Wl,-install_name,@rpath/{library}",) if library.endswith(SUFFIXES["darwin"]) else ()
+        code = [folder / file for file in sorted(sources) if file.endswith(".c")]
+        compiler.shared_library(code, target, (*FLAGS, *named))
         return target.read_bytes()
 
 

@@ -1,16 +1,17 @@
 """A function of MATLAB that computes one step, and one that returns the calibration."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from itertools import product
 from math import isinf, isnan
+from typing import TypeVar
 
 import numpy as np
 
 from kennfeld.base.arrays import Float
 from kennfeld.export.c_arithmetic import MAX_SHORT_POWER, power_products
-from kennfeld.export.matlab_functions import OF_REAL_NUMBERS, MatlabFunctions
-from kennfeld.export.prepared import ExportedSignal, PreparedFunction
+from kennfeld.export.matlab_functions import FUNCTIONS, OF_REAL_NUMBERS, MatlabFunctions
+from kennfeld.export.prepared import ExportedSignal, ParameterValues, PreparedFunction
 from kennfeld.graph.dense_layer import DenseLayer
 from kennfeld.graph.lookup_lowering import AxisRef, ExpansionRef, TableRef
 
@@ -23,6 +24,14 @@ _UNCHANGED = (
     *("floor", "ceil", "exp", "sin", "cos", "tan", "atan", "atan2", "sinh", "cosh", "tanh", "erf", "abs"),
     *("round", "sign"),
 )
+# what the code calls, its local functions included
+_CALLED = (
+    *(*_UNCHANGED, *OF_REAL_NUMBERS, *FUNCTIONS, "first_values"),
+    *("double", "single", "true", "false", "NaN", "Inf", "isempty", "nargin", "numel", "sum", "expm1"),
+    *("struct", "repmat", "reshape"),
+)
+
+Named = TypeVar("Named", ExportedSignal, ParameterValues)
 
 
 def write_matlab(function: PreparedFunction) -> dict[str, str]:
@@ -40,18 +49,30 @@ def write_matlab(function: PreparedFunction) -> dict[str, str]:
 
 
 def _renamed(function: PreparedFunction) -> PreparedFunction:
-    """Return the function without keywords of MATLAB that C does not have among its names."""
+    """Return the function without names that are keywords of MATLAB alone, and not named as one that it calls."""
 
-    def allowed(member: str) -> str:
-        return f"{member}_" if member in _KEYWORDS else member
+    def allowed(signals: Sequence[Named]) -> tuple[Named, ...]:
+        taken = {signal.member for signal in signals}
+        return tuple(replace(each, member=_free_name(each.member, _KEYWORDS, taken)) for each in signals)
 
     return replace(
         function,
-        name=allowed(function.name),
-        inputs=tuple(replace(u, member=allowed(u.member)) for u in function.inputs),
-        outputs=tuple(replace(y, member=allowed(y.member)) for y in function.outputs),
-        parameters=tuple(replace(p, member=allowed(p.member)) for p in function.parameters),
+        # a file of the name of a function that its own code calls would call itself instead
+        name=_free_name(function.name, (*_KEYWORDS, *_CALLED), set()),
+        inputs=allowed(function.inputs),
+        outputs=allowed(function.outputs),
+        parameters=allowed(function.parameters),
     )
+
+
+def _free_name(name: str, reserved: Collection[str], taken: Collection[str]) -> str:
+    """Return a name that is not reserved; another one than those that are taken, if it changes."""
+    if name not in reserved:
+        return name
+    free = f"{name}_"
+    while free in reserved or free in taken:
+        free += "_"
+    return free
 
 
 def _help(function: PreparedFunction) -> list[str]:

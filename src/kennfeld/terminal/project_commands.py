@@ -379,6 +379,7 @@ def simulate(
 
     .mf4 and .mat hold each recording with its own time stamps: nodes, targets, errors and inputs.
     """
+    from kennfeld.project.replaced_values import replaced_value_findings
     from kennfeld.project.results import output_file
     from kennfeld.project.simulation_files import require_simulation_format, write_simulation
 
@@ -392,6 +393,8 @@ def simulate(
         shifts = _stored_shifts(project, parameters)
         simulation = project.simulation(values, shifts, deviation=deviation)
         remarks = Findings()
+        if values is not None and parameters is not None:
+            remarks.add(*replaced_value_findings(project.problem(), values, Location(parameters.name)))
         # a link that the user has named stays one; any other is replaced by the file
         written = write_simulation(simulation, target, follow=output is not None, findings=remarks)
         print_findings(*remarks, *map(_unknown_deviation, simulation.without_deviation))

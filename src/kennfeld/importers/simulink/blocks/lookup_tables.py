@@ -19,6 +19,7 @@ from kennfeld.importers.simulink.lowering.parameter_fields import (
     ParameterField,
     calibrated_table,
     parameter_field,
+    text_variable,
     variable_field,
 )
 from kennfeld.importers.simulink.reader.dialog_words import match_word
@@ -101,9 +102,16 @@ def _object(block: BlockContext) -> SignalOrBus:
     table = variable_field(block, f"{whole}.Table")
     # a row or column is a curve
     count = 1 if 1 in np.atleast_2d(table.values).shape else table.values.ndim
-    fields = [variable_field(block, f"{whole}.Breakpoints{at + 1}") for at in range(count)]
-    axes = [_axis(field.values, f"breakpoints {at} of {whole}") for at, field in enumerate(fields, 1)]
+    axes = [_object_axis(block, whole, at) for at in range(1, count + 1)]
     return _look_up(block, replace(table, name=whole), axes, _coordinates(block, count), method)
+
+
+def _object_axis(block: BlockContext, whole: str, number: int) -> Axis:
+    """Return the breakpoints of a table object: its own, or those of the breakpoint object that it names."""
+    own = f"{whole}.Breakpoints{number}"
+    shared = text_variable(block, own)
+    field = variable_field(block, shared or own)
+    return _axis(field.values, f"breakpoints {number} of {whole}", name=shared, unit=field.variable.unit)
 
 
 def method_of(block: BlockContext) -> LookupMethod:

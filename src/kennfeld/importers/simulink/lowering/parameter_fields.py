@@ -82,6 +82,12 @@ def calibrated_table(block: BlockContext, text: str) -> ParameterField | None:
     return field if field is not None and field.variable.axes else None
 
 
+def text_variable(block: BlockContext, text: str) -> str:
+    """Return the text that an expression holds which is only a variable, "" if it holds none."""
+    match = _variable(text, block.flat.scope)
+    return match[1].value if match is not None and isinstance(match[1].value, str) else ""
+
+
 def _numeric_variable(block: BlockContext, text: str) -> ParameterField | None:
     match = _variable(text, block.flat.scope)
     if match is None or match[2] or not isinstance(match[1].value, np.ndarray):

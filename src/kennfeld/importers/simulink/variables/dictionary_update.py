@@ -1,57 +1,36 @@
 """Writes values into a copy of a data dictionary (`.sldd`): only the numbers of its entries change.
 
-An entry is a variable, a `Simulink.Parameter`, a `Simulink.LookupTable` or a `Simulink.Breakpoint`. A table without an
-object has its breakpoints in variables of their own, which the group axes of a calibration are named after.
+An entry is a variable, a `Simulink.Parameter`, a `Simulink.LookupTable` or a `Simulink.Breakpoint`, or a struct whose
+fields are these. A table without breakpoints of its own has them in other entries, which the group axes of a
+calibration are named after.
 """
 
 import io
-import re
-import sys
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import field
+from math import copysign
 from pathlib import Path
 
 import numpy as np
 
 from kennfeld.base.archives import with_members
-from kennfeld.base.arrays import Float
+from kennfeld.base.arrays import Bool, Float
 from kennfeld.base.errors import Findings, InputError, Location
 from kennfeld.base.formatting import join_names, size_text
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.base.xml_document import XmlElement, XmlLimits, parse_xml
 from kennfeld.calfiles.content import replace_spans
 from kennfeld.calfiles.format import WriteResult
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import AXIS_LETTERS, Parameter
 from kennfeld.importers.simulink.reader.model_package import is_zip
-from kennfeld.importers.simulink.reader.section_tree import MAX_DEPTH, MAX_SECTIONS
-from kennfeld.importers.simulink.variables.data_dictionary import is_chunk, read_dictionary
+from kennfeld.importers.simulink.variables.data_dictionary import Dictionary, is_chunk, read_dictionary
+from kennfeld.importers.simulink.variables.dictionary_places import REAL, TRUTHS, NumberSpan, ValuePlace, value_places
+from kennfeld.importers.simulink.variables.stored_variables import StoredVariable, Value
 from kennfeld.matlab.values import INTEGERS
 
-_TAG = re.compile(rb"""<(?:[^>"']|"[^"]*"|'[^']*')*>""")
-_REAL = ("double", "single")
-_NUMBERS = (*_REAL, "logical", "boolean", *INTEGERS)
-# the sizes of the chunks have been checked when the dictionary was read
-_LIMITS = XmlLimits(sys.maxsize, MAX_DEPTH, MAX_SECTIONS, MAX_SECTIONS)
-
-
-@dataclass(frozen=True)
-class _NumberSpan:
-    """The numbers of a property: their place in the text, and the class and size that the text states."""
-
-    begin: int
-    end: int
-    kind: str
-    shape: tuple[int, ...]
-    encoded: bool
-
-
-@dataclass(frozen=True)
-class _EntryNumbers:
-    """The numbers of one entry: its values, and its breakpoints by axis."""
-
-    values: _NumberSpan | None = None
-    axes: tuple[_NumberSpan, ...] = ()
+_TRUTH = {"true": "1", "false": "0"}
+_SPECIAL = {"inf": "Inf", "-inf": "-Inf", "nan": "NaN"}
 
 
 def update_dictionary(parameters: ParameterSet, path: Path) -> WriteResult:
@@ -64,122 +43,188 @@ def update_dictionary(parameters: ParameterSet, path: Path) -> WriteResult:
     Raises:
         InputError: it is not a dictionary in the XML format, has none of the parameters, or cannot hold one of them.
     """
-    read_dictionary(path, follow=False)  # refuses what is not one
-    raw, findings = path.read_bytes(), Findings()
+    dictionary = read_dictionary(path, follow=False)  # refuses what is not one
+    raw = path.read_bytes()
     location = Location(path.name)
     if not is_zip(raw):
         message = "is a data dictionary in the text format, into which values are not written"
         raise InputError.of(location, message, 'Save it with FileFormat = "compressed-binary".')
     with zipfile.ZipFile(io.BytesIO(raw)) as archive:
         chunks = {name: archive.read(name) for name in archive.namelist() if is_chunk(name.lstrip("/"))}
-    known: set[str] = set()
-    for name, content in chunks.items():
-        entries = _entries(content, f"{path.name} {name}")
-        known |= entries.keys()
-        chunks[name] = _updated(content, entries, parameters, location, findings)
-    missing = [name for name in parameters if name not in known]
-    if missing and len(missing) == len(parameters):
-        findings.error(location, "has none of the parameters", "Check the names; literals are in the model.")
-    elif missing:
-        findings.warning(location, f"has no entry {join_names(missing)}", "Change them in the model.")
-    return WriteResult(with_members(raw, chunks), findings.finish())
+    update = _Update(value_places(chunks, path.name), dictionary, location)
+    for parameter in parameters.values():
+        update.write(parameter)
+    update.report_missing([name for name in parameters if _entry_name(name) not in update.places], len(parameters))
+    contents = {name: replace_spans(content, update.changes_of(name)) for name, content in chunks.items()}
+    return WriteResult(with_members(raw, contents), update.findings.finish())
 
 
-def _entries(content: bytes, file: str) -> dict[str, _EntryNumbers]:
-    """Return the entries of a chunk by name."""
-    entries = {}
-    for entry in parse_xml(content, file, _LIMITS).all("Object"):
-        name = next((part.text.strip() for part in entry.all("P") if part.get("Name") == "Name"), "")
-        if entry.get("Class") == "DD.ENTRY" and name:
-            entries[name] = _entry(content, entry)
-    return entries
+@dataclass
+class _Update:
+    """The new texts of numbers, and what is reported of them."""
+
+    places: Mapping[str, ValuePlace]
+    dictionary: Dictionary
+    location: Location
+    findings: Findings = field(default_factory=Findings)
+    texts: dict[NumberSpan, bytes] = field(default_factory=dict)
+
+    def changes_of(self, chunk: str) -> dict[tuple[int, int], bytes]:
+        """Return the new texts of a chunk by the offsets of the old ones."""
+        return {(span.begin, span.end): text for span, text in self.texts.items() if span.chunk == chunk}
+
+    def write(self, parameter: Parameter) -> None:
+        """Write a table, then its breakpoints; a parameter without an entry is reported elsewhere."""
+        name = _entry_name(parameter.name)
+        place = self.places.get(name)
+        if place is None:
+            return
+        if place.values is None:
+            self.findings.error(self.location, f"{parameter.name} holds no numbers", "Check the name.")
+            return
+        stored = _stored(self.dictionary, name)
+        values = parameter.values if name == parameter.name else parameter.values.T
+        self._write(place.values, values, name, stored)
+        for direction in range(len(parameter.axes)):
+            self._write_axis(parameter, direction, place, stored)
+
+    def _write_axis(
+        self, parameter: Parameter, direction: int, place: ValuePlace, stored: StoredVariable | None
+    ) -> None:
+        axis, label = parameter.axes[direction], f"{parameter.name}.{AXIS_LETTERS[direction]}"
+        own = place.axes[direction] if direction < len(place.axes) else axis.name
+        if isinstance(own, NumberSpan):
+            points = stored.breakpoints if stored is not None else ()
+            self._write(own, axis.breakpoints, label, points[direction] if direction < len(points) else None)
+            return
+        shared = self.places.get(own) if own else None
+        if own and shared is not None and shared.values is not None:
+            self._write(shared.values, axis.breakpoints, own, _stored(self.dictionary, own))
+            return
+        message = f"the breakpoints of {label} are not written: no entry is known to hold them"
+        self.findings.remark(self.location, message)
+
+    def _write(self, span: NumberSpan, values: Float, label: str, stored: StoredVariable | None) -> None:
+        # stored by columns
+        flat, kind = np.ravel(values, order="F"), _kind(span, stored)
+        fault = _fault(span, kind, values)
+        if fault is not None:
+            self.findings.error(self.location, f"{label} {fault[0]}", fault[1])
+            return
+        self._check_limits(flat, label, stored)
+        text = _text(span, kind, flat).encode()
+        if self.texts.setdefault(span, text) != text:
+            message = f"{label} has two sets of values in the calibration: of several tables, or as an axis and alone"
+            self.findings.error(self.location, message, "Keep one of them.")
+
+    def _check_limits(self, values: Float, label: str, stored: StoredVariable | None) -> None:
+        low = -np.inf if stored is None or stored.minimum is None else stored.minimum
+        high = np.inf if stored is None or stored.maximum is None else stored.maximum
+        beyond = values[(values < low) | (values > high)]
+        if beyond.size:
+            side = f"minimum of {low:g}" if beyond[0] < low else f"maximum of {high:g}"
+            message = f"{label} is {beyond[0]:g}, beyond its {side} in the dictionary"
+            self.findings.warning(self.location, message, "Simulink refuses such a value: change one of them.")
+
+    def report_missing(self, missing: Sequence[str], count: int) -> None:
+        """Report the parameters without an entry, and the referenced dictionaries that have them."""
+        known: dict[Path, Dictionary] = {}
+        if missing and self.dictionary.references:
+            read_dictionary(self.dictionary.path, known=known)
+        referenced = {path.name: further for path, further in known.items() if path != self.dictionary.path}
+        nowhere = list(missing)
+        for file, further in referenced.items():
+            names = [name for name in nowhere if _stored(further, _entry_name(name)) is not None]
+            nowhere = [name for name in nowhere if name not in names]
+            if names:
+                message = f"has no entry {join_names(names)}, but {file} does, to which it refers"
+                self.findings.warning(self.location, message, f"Write into {file}, too.")
+        if missing and len(missing) == count:
+            message = "has none of the parameters"
+            self.findings.error(self.location, message, "Check the names; literals are in the model.")
+        elif nowhere:
+            self.findings.warning(self.location, f"has no entry {join_names(nowhere)}", "Change them in the model.")
 
 
-def _entry(content: bytes, entry: XmlElement) -> _EntryNumbers:
-    own = [(path, numbers) for path, numbers in _spans(content, entry) if path[0] == "Value" and path[-1] == "Value"]
-    axes = tuple(numbers for path, numbers in own if "Breakpoints" in path)
-    values = [numbers for path, numbers in own if "Breakpoints" not in path]
-    # a breakpoint object has no other numbers
-    first = values[0] if values else axes[0] if len(axes) == 1 else None
-    return _EntryNumbers(first, axes if values else ())
+def _entry_name(name: str) -> str:
+    """Return the name of the entry of a parameter; a model that looks up `M'` has a parameter of this name."""
+    return name.removesuffix("'")
 
 
-def _spans(
-    content: bytes, element: XmlElement, outer: tuple[str, ...] = ()
-) -> Iterator[tuple[tuple[str, ...], _NumberSpan]]:
-    """Yield the numbers within an element, each with the names of the properties around it."""
-    for part in element.children:
-        path = (*outer, part.get("Name")) if part.tag == "P" and part.get("Name") else outer
-        if part.tag == "P" and part.get("Class") in _NUMBERS and (tag := _TAG.match(content, part.begin)):
-            end = content.index(b"<", tag.end())
-            shape = _shape(part.attributes, content[tag.end() : end])
-            yield path, _NumberSpan(tag.end(), end, part.get("Class"), shape, bool(part.get("Encoding")))
-        yield from _spans(content, part, path)
+def _stored(dictionary: Dictionary, name: str) -> StoredVariable | None:
+    """Return the variable or the object of a name, within structs too; None if there is none."""
+    first, *path = name.split(".")
+    value: Value = dictionary.data.entries.get(first)
+    for key in path:
+        while isinstance(value, StoredVariable):
+            value = value.value
+        value = value.get(key) if isinstance(value, Mapping) else None
+    if value is None or isinstance(value, StoredVariable):
+        return value
+    return StoredVariable(name, value, "")
 
 
-def _shape(attributes: Mapping[str, str], text: bytes) -> tuple[int, ...]:
-    if "Dimension" in attributes:
-        return tuple(int(n) for n in attributes["Dimension"].split("*"))
-    return (1, len(text.split()))
+def _kind(span: NumberSpan, stored: StoredVariable | None) -> str:
+    """Return the class that the numbers have in the end: that of the text, or a whole type of its object."""
+    stated = stored.type if stored is not None else ""
+    return stated if span.kind in REAL and stated in ("boolean", *INTEGERS) else span.kind
 
 
-def _updated(
-    content: bytes,
-    entries: Mapping[str, _EntryNumbers],
-    parameters: ParameterSet,
-    location: Location,
-    findings: Findings,
-) -> bytes:
-    """Return a chunk with other numbers."""
-    changes: dict[tuple[int, int], bytes] = {}
-    for name, parameter in parameters.items():
-        if name in entries:
-            for numbers, values, label in _places(parameter, entries, location, findings):
-                text = _text_of(numbers, values, label, location, findings)
-                if text is not None:
-                    changes[numbers.begin, numbers.end] = text
-    return replace_spans(content, changes)
-
-
-def _places(
-    parameter: Parameter, entries: Mapping[str, _EntryNumbers], location: Location, findings: Findings
-) -> Iterator[tuple[_NumberSpan, Float, str]]:
-    """Yield the numbers of a parameter with their new values: of the table, then of its axes."""
-    entry = entries[parameter.name]
-    if entry.values is None:
-        findings.error(location, f"{parameter.name} holds no numbers", "Check the name.")
-        return
-    yield entry.values, parameter.values, parameter.name
-    for direction, axis in enumerate(parameter.axes):
-        own = entries.get(axis.name) if axis.name else None
-        if direction < len(entry.axes):
-            yield entry.axes[direction], axis.breakpoints, f"{parameter.name}.{AXIS_LETTERS[direction]}"
-        elif own is not None and own.values is not None:
-            yield own.values, axis.breakpoints, axis.name
-        else:
-            message = f"the breakpoints of {parameter.name}.{AXIS_LETTERS[direction]} are not written"
-            findings.remark(location, f"{message}: no entry is known to hold them")
-
-
-def _text_of(numbers: _NumberSpan, values: Float, label: str, location: Location, findings: Findings) -> bytes | None:
-    """Return values as the text of a property, by columns; None, with a finding, if it cannot hold them."""
-    if numbers.encoded:
-        findings.error(location, f"{label} is stored as bytes, into which values are not written", "Enter it by hand.")
-        return None
-    own, new = ([n for n in shape if n != 1] for shape in (numbers.shape, values.shape))
+def _fault(span: NumberSpan, kind: str, values: Float) -> tuple[str, str] | None:
+    """Return why a property cannot hold values, and the remedy; None if it can."""
+    if span.obstacle:
+        return f"{span.obstacle}, so that values are not written", "Enter it by hand."
+    # a row and a column are one curve
+    own, new = ([size for size in shape if size != 1] for shape in (span.shape, values.shape))
     if own != new:
-        message = f"{label} has the size {size_text(numbers.shape)}, the new values {size_text(values.shape)}"
-        findings.error(location, message, "Change the size in the dictionary.")
-        return None
-    flat = np.ravel(values, order="F")
-    if numbers.kind in _REAL:
-        flat = flat.astype(np.float32).astype(np.float64) if numbers.kind == "single" else flat
-        words = [repr(float(x)) for x in flat]
-        return " ".join({"inf": "Inf", "-inf": "-Inf", "nan": "NaN"}.get(word, word) for word in words).encode()
-    if not np.array_equal(np.rint(flat), flat):
-        at = float(flat[np.rint(flat) != flat][0])
-        findings.error(
-            location, f"{label} is of the class {numbers.kind}, which cannot hold {at:g}", "Round the values."
-        )
-        return None
-    return " ".join(str(int(x)) for x in flat).encode()
+        message = f"has the size {size_text(span.shape)}, the new values {size_text(values.shape)}"
+        return message, "Change the size in the dictionary."
+    wrong = values[~_holds(kind, values)]
+    if wrong.size:
+        word = "type" if kind != span.kind else "class"
+        return f"is of the {word} {kind}, which cannot hold {wrong[0]:g}", _remedy(kind)
+    return None
+
+
+def _holds(kind: str, values: Float) -> Bool:
+    """Mark the values that a class holds, Bool[...]."""
+    if kind == "double":
+        return np.ones(values.shape, bool)
+    if kind == "single":
+        return np.asarray(~np.isfinite(values) | (np.abs(values) <= np.finfo(np.float32).max))
+    if kind in TRUTHS:
+        return np.asarray((values == 0) | (values == 1))
+    limits = np.iinfo(kind)
+    # a limit of 64 bits is none of double precision, and rounds to a power of two beyond it
+    return np.asarray((np.rint(values) == values) & (values >= limits.min) & (values < float(limits.max) + 1))
+
+
+def _remedy(kind: str) -> str:
+    if kind in TRUTHS:
+        return "Use 0 or 1."
+    return "Use values within its range." if kind == "single" else "Use whole numbers within its range."
+
+
+def _text(span: NumberSpan, kind: str, values: Float) -> str:
+    """Return numbers as the text of a property; numbers that stay are written as they were."""
+    old = np.array([float(_TRUTH.get(word, word)) for word in span.words])
+    if kind == "single":
+        # 0.05 in the file is the number that 0.05 becomes in single precision
+        old, values = (each.astype(np.float32).astype(np.float64) for each in (old, values))
+    pairs = zip(span.words, old.tolist(), values.tolist(), strict=True)
+    return " ".join(word if _same(before, value) else _word(span, value) for word, before, value in pairs)
+
+
+def _same(first: float, second: float) -> bool:
+    """Return True for the same number, NaN and the sign of zero included."""
+    if first != first or second != second:
+        return first != first and second != second
+    return first == second and copysign(1.0, first) == copysign(1.0, second)
+
+
+def _word(span: NumberSpan, value: float) -> str:
+    if span.kind in REAL:
+        return _SPECIAL.get(repr(value), repr(value))
+    if span.kind in TRUTHS and not _TRUTH.keys().isdisjoint(span.words):
+        return "true" if value else "false"
+    return str(int(value))
