@@ -115,9 +115,7 @@ def test_all_missing_names_are_reported_at_once():
 
 
 def test_a_lookup_with_too_many_coordinates_is_named():
-    with pytest.raises(
-        kf.InputError, match="C is looked up with 2 coordinates, but has 1 axis. Look it up with 1 coord"
-    ):
+    with pytest.raises(kf.InputError, match=r"C is looked up with 2 coordinates, but has 1 axis\. Look it up with 1 "):
         kf.calibrate("m = C(x, x)", LINE, tables(), target="y")
 
 
