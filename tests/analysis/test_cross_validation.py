@@ -86,6 +86,7 @@ def test_targets_held_back_are_not_seen(kind):
     assert again.rmse_held > 1e5
 
 
+@pytest.mark.slow
 def test_smoothness_and_shifts_are_chosen_anew_in_each_fold(monkeypatch):
     monkeypatch.setattr("kennfeld.optimize.tuning.shift_estimation.WINDOW", 4)
     rng = np.random.default_rng(2)

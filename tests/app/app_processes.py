@@ -42,10 +42,12 @@ class ForkedProcess:
         self._source = source
 
     def kill(self) -> None:
-        self._send(signal.SIGKILL)
+        with suppress(ProcessLookupError):  # it has ended
+            self._send(signal.SIGKILL)
 
     def terminate(self) -> None:
-        self._send(signal.SIGTERM)
+        with suppress(ProcessLookupError):
+            self._send(signal.SIGTERM)
 
     def poll(self) -> int | None:
         with suppress(ProcessLookupError):

@@ -70,13 +70,3 @@ def test_the_screens_after_a_run_break_no_rule_of_axe(torque: Path) -> None:
         page.wait_for_function("() => !['idle', 'running'].includes(document.getElementById('job-state').innerText)")
         page.wait_for_selector(READY)
         assert dict(shown(page, ("optimization", "results", "parameters", "plots", "control-unit"))) == {}
-
-
-def test_every_screen_has_a_heading_and_a_title_of_its_own(torque: Path) -> None:
-    with project_page(torque) as page:
-        headings = []
-        for screen in ("data", "parameters", "start"):
-            page.click(f"[data-screen={screen}]")
-            headings.append(page.inner_text("h1"))
-        assert headings == ["Data, torque, Kennfeld", "Parameters, torque, Kennfeld", "Projects, torque, Kennfeld"]
-        assert page.title() == "torque – Kennfeld"

@@ -121,7 +121,8 @@ def test_unsaved_edits_survive_the_end_of_the_server(torque: Path, tmp_path: Pat
 SCREENS = ("data", "function", "parameters", "optimization", "results", "plots", "files", "control-unit", "start")
 
 
-def test_every_screen_opens_and_the_page_never_scrolls(exhaust: Path) -> None:
+def test_every_screen_opens_with_a_heading_of_its_own_and_the_page_never_scrolls(exhaust: Path) -> None:
+    headings = []
     with project_page(exhaust) as page:
         for screen in SCREENS:
             page.click("#theme")  # each screen in another than the one before
@@ -131,6 +132,10 @@ def test_every_screen_opens_and_the_page_never_scrolls(exhaust: Path) -> None:
                 page.set_viewport_size({"width": width, "height": height})
                 page.wait_for_function("document.documentElement.scrollHeight <= innerHeight")
             assert page.inner_text("main").strip() != ""
+            headings.append(page.inner_text("h1"))
+        assert page.title() == "exhaust – Kennfeld"
+    assert headings[0] == "Data, exhaust, Kennfeld"
+    assert len(set(headings)) == len(SCREENS)
 
 
 @pytest.mark.slow

@@ -144,6 +144,7 @@ def export_of(session: Session, **arguments: bool) -> Page:
     return Page((session.path.parent / "results" / "report.html").read_text(encoding="utf-8"))
 
 
+@pytest.mark.slow
 def test_reports_and_results_are_those_of_all_samples(tmp_path: Path) -> None:
     session = Session(write_project(tmp_path))
     result = calibrated(session)

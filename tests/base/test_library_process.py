@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from kennfeld.base import library_process
 from kennfeld.base.errors import InputError
 from kennfeld.base.library_process import LibraryProcess
 from kennfeld.base.process_limits import memory_bound
@@ -85,7 +86,8 @@ def test_a_crash_is_one_message_and_the_next_file_is_read(process, source):
 
 @POSIX
 @pytest.mark.slow
-def test_a_library_that_does_not_come_to_an_end_is_ended(process, source):
+def test_a_library_that_does_not_come_to_an_end_is_ended(process, source, monkeypatch):
+    monkeypatch.setattr(library_process, "_TIME", 1.0)
     with pytest.raises(InputError, match=r"damaged: the library that reads it does not come to an end\. Copy"):
         process.call(search, source)
 

@@ -193,6 +193,7 @@ def test_data_that_matlab_wrote_are_values():
     }
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="the fault is one of POSIX")
 def test_a_file_of_version_7_3_that_crashes_the_library_is_damaged(monkeypatch):
     monkeypatch.setattr(mat_v73, "_load_content", _crash)

@@ -62,6 +62,7 @@ def model(tmp_path):
     return model_of("load_doubled", tmp_path / "plant.so")
 
 
+@pytest.mark.slow
 def test_a_crash_is_an_error_after_which_the_session_goes_on(model):
     with pytest.raises(InputError, match=r"ended before it ran|crashed"):
         kf.simulate(model, DATA, {"k": 9.0})

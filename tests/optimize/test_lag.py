@@ -126,6 +126,7 @@ def test_the_search_continues_from_the_edge_of_the_window(delay):
     assert not result.warnings
 
 
+@pytest.mark.slow
 def test_a_shift_at_the_edge_of_the_widest_window_is_a_warning():
     """The window is at most a quarter of the recording, 30 samples."""
     time = np.arange(120) * 0.1

@@ -113,6 +113,7 @@ def overshoot(kp, ki):
     return float(np.sum((simulation["n"].values - loop()["n_set"].values) ** 2)), float(simulation["n"].values.max())
 
 
+@pytest.mark.slow
 def test_a_closed_loop_is_the_best_with_its_overshoot_within_the_limit():
     start = kf.ParameterSet([kf.Scalar("kp", 0.5).with_bounds(0.0, 6.0), kf.Scalar("ki", 0.5).with_bounds(0.0, 20.0)])
     free = kf.calibrate(LOOP, loop(), start, target="n_set", node="n")

@@ -58,6 +58,7 @@ def widths(names):
     return [float(name.split()[1]) for name in names if name.startswith("smooth")]
 
 
+@pytest.mark.slow
 def test_both_schedules_are_tried_if_creases_matter(both):
     names = [name for name, _ in stages(both)]
     plain = names.index("plain")

@@ -154,6 +154,7 @@ def test_a_value_at_its_bound_that_switches_another_off_does_not_count_as_a_sadd
     assert rmse(result) < 1e-9
 
 
+@pytest.mark.slow
 def test_a_descent_that_ends_at_a_saddle_continues():
     """The coordinate of the table is clipped at its end until the table has a slope there."""
     data = DATA | {"t": 1.0 + np.interp(2 * V, GRID, B) * U}

@@ -206,6 +206,7 @@ def test_the_fraction_of_a_sample_does_not_follow_the_part_that_is_scanned(tmp_p
     assert estimate_shifts(problem)[1]["drives"]["y"] == pytest.approx(whole, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_layouts_of_other_lags_do_not_stay_on_the_disk(tmp_path, monkeypatch):
     scan_a_part(monkeypatch, 200)
     path = write_shifted(tmp_path, files=2, samples=250)

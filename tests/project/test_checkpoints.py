@@ -273,6 +273,7 @@ def test_finished_starts_are_not_repeated(make, workers):
     assert [row.cost_before for row in result.starts] == [row.cost_before for row in whole.starts]
 
 
+@pytest.mark.slow
 def test_a_resumed_search_lists_the_state_of_each_start(make, capsys):
     several = f"{SAVING}\nstarts = 3\nspread = 0.2"
 

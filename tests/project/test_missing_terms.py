@@ -99,6 +99,7 @@ def test_an_offset_of_each_recording_is_written_with_a_reference(tmp_path):
     assert result.quality[0].rmse_after == pytest.approx(proposal.rmse.after, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_an_undo_does_not_overwrite_later_changes(tmp_path):
     path = write_bench(tmp_path)
     project = Project.read(path)
@@ -111,6 +112,7 @@ def test_an_undo_does_not_overwrite_later_changes(tmp_path):
     assert path.read_text(encoding="utf-8").endswith("# mine\n")
 
 
+@pytest.mark.slow
 def test_files_with_a_byte_order_mark_in_other_folders_get_a_term_and_lose_it(tmp_path):
     path, function = write_bench(tmp_path), tmp_path / "parts" / "f.kf"
     function.parent.mkdir()
@@ -138,6 +140,7 @@ def test_files_with_a_byte_order_mark_in_other_folders_get_a_term_and_lose_it(tm
         undo(project)
 
 
+@pytest.mark.slow
 def test_a_column_that_is_the_time_stays_the_time(tmp_path):
     path = write_bench(tmp_path, timed=True)
     for file in tmp_path.glob("run_*.csv"):

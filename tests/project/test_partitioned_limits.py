@@ -171,6 +171,7 @@ def test_a_changed_condition_is_evaluated_again(tmp_path):
     assert costs[1] < costs[0] == costs[2]
 
 
+@pytest.mark.slow
 def test_equal_samples_at_a_limit_are_taken_in_their_order(tmp_path):
     text = STEADY + '\n[[limit]]\nnode = "min(TorqueModel, 90)"\nmax = 90\n'
     path = write_steady(tmp_path, files=3, samples=500, text=text)

@@ -299,6 +299,7 @@ def test_another_version_of_the_package_prepares_entries_again(tmp_path, monkeyp
     assert len(after) == 2 * len(before)
 
 
+@pytest.mark.slow
 def test_a_full_disk_keeps_no_entry_and_does_not_change_sums(tmp_path, monkeypatch):
     path = write_few(tmp_path)
     values = CompiledProblem(Project.read(path).problem()).start

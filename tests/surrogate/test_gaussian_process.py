@@ -228,6 +228,7 @@ def test_a_sparse_process_of_a_real_drive_does_not_collapse_to_the_plane():
     assert rmse(process.expansion(at) - measured) < 0.6 * rmse(process.plane(at) - measured)
 
 
+@pytest.mark.slow
 def test_a_sparse_process_of_a_drive_does_not_collapse_to_the_plane():
     x, y = drive(480)
     blocks = np.arange(len(y)) // 24

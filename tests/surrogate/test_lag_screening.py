@@ -44,6 +44,7 @@ def test_a_model_that_diverges_ranks_nothing():
     assert screen_lags(linear(9.0, 1.0), Lags((1,), ((1,), ())), [recording(0.3)], POOL, TrainingSettings()) == {}
 
 
+@pytest.mark.slow
 def test_the_selection_trains_few_of_the_candidates(monkeypatch):
     tried = []
     error = model_selection._score

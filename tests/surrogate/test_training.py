@@ -108,6 +108,7 @@ def drive(name, seed, use="training", samples=300):
     return Dataset.of(name, {"speed": speed, "air": air, "torque": torque}, time=time, use=use)
 
 
+@pytest.mark.slow
 def test_of_a_recording_whole_blocks_are_left_out():
     data = [drive("a", 0), drive("b", 1, "test")]
     surrogate = train_surrogate(data, static_settings())
@@ -425,6 +426,7 @@ def test_piecewise_constant_inputs_are_not_interpolated(held):
     np.testing.assert_allclose(run.u[:, 0], expected)
 
 
+@pytest.mark.slow
 def test_a_model_that_runs_away_is_limited_beyond_its_training_data(monkeypatch):
     monkeypatch.setattr(
         dynamic_training, "train_over_horizons", lambda start, *rest: replace(start, slopes=1.5 * start.slopes)

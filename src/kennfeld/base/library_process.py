@@ -94,9 +94,10 @@ class LibraryProcess:
                 raise LibraryFailure(_ENDLESS)
             process = self._started()
             try:
-                bound = memory_bound(source.stored_size())
+                bound, seconds = memory_bound(source.stored_size()), _TIME + _TIME_PER_BYTE * source.size
                 self._job.set_limits(memory=self._job.most_memory() + _LOADING + bound)
-                _send(process.stdin, (work.__module__, work.__qualname__, source, arguments, bound, Path.cwd()))
+                task = (work.__module__, work.__qualname__, source, arguments)
+                _send(process.stdin, (*task, bound, seconds, Path.cwd()))
                 good, answer = _receive(process.stdout)
             except (EOFError, OSError):
                 self._end()
@@ -188,14 +189,23 @@ def main() -> None:
 
 
 def _answer(
-    module: str, name: str, source: LibraryInput, arguments: tuple[Any, ...], bound: int, folder: Path
+    module: str,
+    name: str,
+    source: LibraryInput,
+    arguments: tuple[Any, ...],
+    bound: int,
+    seconds: float,
+    folder: Path,
 ) -> tuple[bool, Any]:
-    """Return whether the work was done, and its result or error; `folder` is that of relative paths."""
+    """Return whether the work was done within its memory and time, and its result or error.
+
+    `folder` is that of relative paths.
+    """
     work: Work = getattr(import_module(module), name)
     try:
         os.chdir(folder)
         limit_memory(bound)
-        limit_time(_TIME + _TIME_PER_BYTE * source.size)
+        limit_time(seconds)
         return True, work(source, *arguments)
     except MemoryError:
         return False, LibraryFailure(_too_large(source.stored_size()))

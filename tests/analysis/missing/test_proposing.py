@@ -179,6 +179,7 @@ def test_errors_that_are_correlated_in_time_give_no_offsets():
         assert not kf.propose("y = a + k * u", data, {"a": 1.0, "k": 2.0}, "m", kinds=["offset"]).proposals
 
 
+@pytest.mark.slow
 def test_an_effect_below_the_least_is_left_out():
     proposals = proposed(bench("drag", samples=300), least=2.0)
     assert not proposals.proposals

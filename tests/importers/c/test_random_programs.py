@@ -27,7 +27,7 @@ def compiled(folder):
 
 
 @needs_compiler
-@pytest.mark.parametrize("seed", mostly_slow(range(250), 3))
+@pytest.mark.parametrize("seed", mostly_slow(range(100), 3))
 def test_a_program_of_floats_computes_what_the_compiler_makes_of_it(seed, tmp_path):
     (tmp_path / "f.c").write_text(Program(seed).text)
     expected = compiled(tmp_path)

@@ -13,7 +13,7 @@ RNG = np.random.default_rng(1)
 INPUTS = {name: np.round(RNG.normal(0, 3, 14), 2) for name in COLUMNS}
 
 
-@pytest.mark.parametrize("seed", mostly_slow(range(250), 5))
+@pytest.mark.parametrize("seed", mostly_slow(range(100), 5))
 def test_a_diagram_of_type_single_computes_what_floats_of_numpy_compute(seed, tmp_path):
     drawn = Diagram(seed, single=True)
     model = imported(drawn.model, tmp_path, float32=True)
@@ -23,7 +23,7 @@ def test_a_diagram_of_type_single_computes_what_floats_of_numpy_compute(seed, tm
     assert_text_computes(values, model)
 
 
-@pytest.mark.parametrize("seed", mostly_slow(range(250), 5))
+@pytest.mark.parametrize("seed", mostly_slow(range(100), 5))
 def test_a_diagram_of_type_double_computes_what_doubles_of_numpy_compute(seed, tmp_path):
     drawn = Diagram(seed, single=False)
     model = imported(drawn.model, tmp_path)

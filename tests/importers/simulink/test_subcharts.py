@@ -31,7 +31,7 @@ DEEP = Chart(
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx parts", "mdl"]))
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx parts"]))
 @pytest.mark.parametrize(
     ("chart", "subcharts"),
     [(NESTED, ("A", "B")), (NESTED, ("B",)), (DEEP, ("A", "B")), (DEEP, ("A2", "A", "S")), (DEEP, ("A2", "B"))],

@@ -9,6 +9,7 @@ import kennfeld as kf
 from kennfeld.optimize import Problem, run
 from kennfeld.optimize.trust.undetermined import undetermined_lines
 from kennfeld.project.demo import torque
+from tests.draws import mostly_slow
 
 
 @cache
@@ -54,7 +55,7 @@ def test_the_scale_of_torque_and_efficiency_is_undetermined(smoothness):
         assert np.all(np.isinf(result.trust.deviation["MapOptTorque"]))
 
 
-@pytest.mark.parametrize("smoothness", [0.0, 1.0])
+@pytest.mark.parametrize("smoothness", mostly_slow([0.0, 1.0], [1.0]))
 def test_an_undetermined_direction_does_not_change_outputs(smoothness):
     result = torque_fit(smoothness)
     (direction,) = directions_with(result.trust, *SCALE)

@@ -22,7 +22,7 @@ GRID = np.linspace(0, 10, 11)
 U = np.random.default_rng(3).uniform(0, 10, 400)
 WAVE = 3 * np.sin(GRID)
 WEIGHTS = np.array([np.interp(U, GRID, unit) for unit in np.eye(GRID.size)]).T  # of each value at each sample
-REPETITIONS = 200
+REPETITIONS = 100
 
 
 def curve_problem(*limits, noise=0.3, seed=0, **more):

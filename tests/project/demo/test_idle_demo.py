@@ -55,6 +55,7 @@ def test_the_engine_is_trained_once(demo):
     assert (demo / "engine.json").stat().st_mtime_ns == before
 
 
+@pytest.mark.slow
 def test_the_gains_are_found_from_zero(results):
     free = results["kennfeld.toml"]
     assert free.converged
