@@ -11,6 +11,7 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.project.demo import write
+from kennfeld.project.demo.petrol_engine import best_spark, drag, torque
 
 DOCS = Path(__file__).parents[1] / "docs"
 MAPS = ("MapOptTorque", "MapDragTorque")
@@ -19,21 +20,21 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def torque(tmp_path_factory):
+def demo(tmp_path_factory):
     """The folder of the torque demo."""
     return write("torque", tmp_path_factory.mktemp("torque") / "demo").parent
 
 
 @pytest.fixture(scope="module")
-def known(torque):
+def known(demo):
     """The fit of the torque demo."""
-    return kf.Project.read(torque / "kennfeld.toml").calibrate()
+    return kf.Project.read(demo / "kennfeld.toml").calibrate()
 
 
 @pytest.fixture(scope="module")
-def load_only(torque):
+def load_only(demo):
     """The fit to the points under load."""
-    return kf.Project.read(torque / "load-only.toml").calibrate()
+    return kf.Project.read(demo / "load-only.toml").calibrate()
 
 
 def page(name):
@@ -81,12 +82,12 @@ def test_the_method_states_the_descents_of_the_torque_demo(known):
         assert [costs[name] for name in names] == pytest.approx([float(cost) for cost in shown.split(",")], rel=1e-3)
 
 
-def test_the_page_on_trust_states_the_deviations_of_both_projects(torque, load_only, known):
-    project = (torque / "load-only.toml").read_text(encoding="utf-8")
+def test_the_page_on_trust_states_the_deviations_of_both_projects(demo, load_only, known):
+    project = (demo / "load-only.toml").read_text(encoding="utf-8")
     pin = "pin = [{ at = [0], value = 1 }"
     assert project.count(pin) == 1
-    (torque / "pinned.toml").write_text(project.replace(pin, f"{pin}, {{ at = [40], value = 0.68 }}"), encoding="utf-8")
-    pinned = kf.Project.read(torque / "pinned.toml").calibrate()
+    (demo / "pinned.toml").write_text(project.replace(pin, f"{pin}, {{ at = [40], value = 0.68 }}"), encoding="utf-8")
+    pinned = kf.Project.read(demo / "pinned.toml").calibrate()
     table = {
         row[0].split("`")[1]: row[1:]
         for row in rows("how-to/trust.md", "standard deviation of the values (smallest to largest)")
@@ -103,11 +104,27 @@ def test_the_first_steps_state_the_range_of_the_drag(load_only):
     assert [drag.min(), drag.max()] == pytest.approx([low, high], abs=1)
 
 
-def test_the_map_without_limits_falls_as_often_as_the_page_on_limits_says(torque):
+def test_the_first_steps_state_the_distance_of_the_maps_from_the_engine(load_only, known):
+    engine = {
+        "MapOptTorque": lambda speed, air: torque(speed, air, best_spark(speed, air)) + drag(speed),
+        "MapDragTorque": lambda speed, air: drag(speed + 0 * air),
+        "MapOptIgnition": best_spark,
+    }
+    table = {row[0].strip("`"): row[1:] for row in rows("get-started.md", "map")}
+    assert set(table) == set(engine)
+    for name, shown in table.items():
+        for result, distance in zip((load_only, known), shown, strict=True):
+            fitted = result.parameters[name]
+            true = engine[name](*np.meshgrid(*(axis.breakpoints for axis in fitted.axes), indexing="ij"))
+            rmse = np.sqrt(np.mean((fitted.values - true) ** 2))
+            assert rmse == pytest.approx(float(distance.split()[0]), abs=0.06, rel=0.01)
+
+
+def test_the_map_without_limits_falls_as_often_as_the_page_on_limits_says(demo):
     falling, steps = map(
         int, re.search(r"falls in (\d+) of its (\d+) steps", page("how-to/monotonic-maps.md")).groups()
     )
-    points = kf.read(torque / "motored.csv")
+    points = kf.read(demo / "motored.csv")
     grid = kf.Map(
         "MapDrag",
         kf.Axis(np.linspace(700, 6200, 11), input="Speed"),
