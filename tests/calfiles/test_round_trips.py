@@ -27,7 +27,7 @@ SETS = {  # what each format can hold
 
 
 @pytest.mark.parametrize("ending", SETS)
-@few_or_many(data=st.data(), few=5, many=100)
+@few_or_many(data=st.data(), few=5, many=50)
 def test_a_format_reads_back_what_it_wrote(tmp_path_factory, ending, data):
     path, parameters = tmp_path_factory.mktemp("sets") / f"a{ending}", data.draw(SETS[ending])
     checked = {".xlsx": repr(parameters), ".cdfx": "".join(text.text for text in parameters.texts)}
@@ -97,7 +97,7 @@ def blanked(text):
 
 
 @pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx", ".xlsx", ".m", ".mat"])
-@few_or_many(data=st.data(), few=4, many=75)
+@few_or_many(data=st.data(), few=4, many=40)
 def test_a_damaged_file_is_read_or_refused_with_findings(tmp_path_factory, ending, data):
     path = tmp_path_factory.mktemp("sets") / f"a{ending}"
     write(data.draw(parameter_sets(units=plain_units)), path)

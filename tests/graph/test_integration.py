@@ -105,3 +105,12 @@ def test_a_state_may_begin_a_step_from_another_value():
     b.close(x, b.const(1.0), b.node("advance", (seen, b.const(1.0), b.const(-math.inf), b.const(math.inf))))
     values = run(apply_solver(b.finish({"x": seen}), "ode3"), 0.5, 5, r=np.array([0.0, 0.0, 1.0, 0.0, 0.0]))["x"]
     np.testing.assert_allclose(values, [1.0, 1.5, 0.0, 0.5, 1.0], atol=1e-15)
+
+
+def test_a_graph_without_marks_stays_as_it_is():
+    b = GraphBuilder()
+    x = b.state()
+    b.close(x, b.const(1.0), b.call("mul", x, b.input("u")))
+    graph = b.finish({"x": x})
+    assert apply_solver(graph, "ode4") is graph
+    assert without_idle_holds(graph) is graph

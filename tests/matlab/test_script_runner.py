@@ -218,6 +218,11 @@ def test_the_parts_of_a_path_are_joined():
     assert ["".join(paths[name].ravel()) for name in "ab"] == ["sub/x.mat", "sub/deep/x.mat"]
 
 
+def test_the_parts_of_a_path_are_taken_apart():
+    paths = values("[a, b, c] = fileparts('sub\\deep/x.y.mat'); [d, e, f] = fileparts('x'); g = filesep;")
+    assert ["".join(paths[name].ravel()) for name in "abcdefg"] == ["sub/deep", "x.y", ".mat", "", "x", "", "/"]
+
+
 def test_a_part_of_an_undefined_variable_cannot_be_assigned():
     assert set(run_script("a = tf(1); a(2) = 1;").undefined) == {"a"}
 

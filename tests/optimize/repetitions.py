@@ -52,7 +52,7 @@ def outputs(compiled, full):
     return residual.reshape(-1, len(compiled.problem.criteria)).T.copy()
 
 
-FEW, MANY = 30, 250
+FEW, MANY = 30, 200
 counts = pytest.mark.parametrize(
     "count", [pytest.param(FEW, id="few"), pytest.param(MANY, id="many", marks=pytest.mark.slow)]
 )

@@ -101,6 +101,11 @@ def has_marks(graph: Graph) -> bool:
     return any(node.op in ("advance", "hold") for node in graph.nodes)
 
 
+def has_holds(graph: Graph) -> bool:
+    """Return True if a graph has marks `hold`."""
+    return any(node.op == "hold" for node in graph.nodes)
+
+
 def apply_solver(graph: Graph, solver: str, make: type[GraphBuilder] = GraphBuilder) -> Graph:
     """Return the graph whose continuous states are advanced by a solver.
 
@@ -116,6 +121,8 @@ def apply_solver(graph: Graph, solver: str, make: type[GraphBuilder] = GraphBuil
     >>> sorted({node.op for node in heun.nodes})
     ['add', 'const', 'input', 'mul', 'neg', 'state']
     """
+    if not has_marks(graph):
+        return graph
     builder = make.of(graph)
     _close_states(builder, SOLVERS[solver])
     return _without(builder, graph, lambda at: True, make())
@@ -123,6 +130,8 @@ def apply_solver(graph: Graph, solver: str, make: type[GraphBuilder] = GraphBuil
 
 def without_idle_holds(graph: Graph) -> Graph:
     """Return a graph before the solver without marks `hold` of values that do not change within a step."""
+    if not has_holds(graph):
+        return graph
     effective = _effective_holds(graph)
     return _without(GraphBuilder.of(graph), graph, lambda at: at not in effective, GraphBuilder())
 

@@ -174,8 +174,35 @@ def test_a_break_in_the_block_of_a_case_ends_the_case_and_not_the_loop_around_it
     case = "switch (i) { case 1 : { y = y + x; break; } default : y = y + 10.0; }"
     text = method(f"real y = 0.0; for (i in 0 .. 3) {{ {case} }} return y;")
     assert outputs(tmp_path, text, {"x": [1.0]})["calc"].tolist() == [31.0]
-    with pytest.raises(InputError, match="a break that does not end its case"):
-        class_model(tmp_path, text.replace("break;", "if (x > 0.0) { break; } y = 1.0;"))
+
+
+def test_a_break_under_a_condition_skips_the_rest_of_its_case(tmp_path):
+    case = """switch (i) {
+      case 1 : {
+        y = 1.0;
+        if (x > 3.0) { y = 2.0; break; } else if (x > 2.0) { if (x > 2.5) { break; } y = 5.0; }
+        y = y + x;
+      }
+      case 2 : if (x < 1.0) { break; } y = 7.0; break; y = 100.0;
+      default : { if (x > 0.0) { y = -x; } else { break; } y = y - 1.0; } }"""
+    text = method(f"real y = 0.0; {case} return y;", arguments="real in x, integer in i")
+    x = np.array([4.0, 2.7, 2.2, 0.5, 0.5, 3.0, 2.0, -1.0])
+    i = np.array([1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 3.0, 3.0])
+    assert outputs(tmp_path, text, {"x": x, "i": i})["calc"].tolist() == [2.0, 1.0, 7.2, 1.5, 0.0, 7.0, -3.0, 0.0]
+    declared = "switch (i) { case 1 : if (x > 3.0) { real z = x; if (z > 4.0) { break; } y = z; } y = y + x; }"
+    text = method(f"real y = 0.0; {declared} return y;", arguments="real in x, integer in i")
+    with pytest.raises(InputError, match="a break beside the declaration of a variable"):
+        class_model(tmp_path, text)
+
+
+def test_a_loop_without_a_known_end_is_followed_with_a_remark(tmp_path):
+    text = method("real y = x; while (y > 1.0) { y = y - 1.0; } return y;", arguments="real in x")
+    model = class_model(tmp_path, text)
+    (remark,) = [str(remark) for remark in model.remarks if "followed for" in str(remark)]
+    assert "the end of a loop in line" in remark
+    assert outputs(tmp_path, text, {"x": [0.5, 7.25, 900.0, 2e6]})["calc"].tolist() == pytest.approx(
+        [0.5, 0.25, 1.0, np.nan], nan_ok=True
+    )
 
 
 def test_a_return_within_a_branch_ends_the_method(tmp_path):
@@ -312,7 +339,6 @@ class C {
     [
         ("class C { void calc() { calc(); } }", "calls itself"),
         ("class C { characteristic real K = 1.0; public void calc() { K = 2.0; } }", "cannot be assigned"),
-        ("class C { public real calc(real in x) { while (x > 0.0) { x = x; } return x; } }", "no fixed end within"),
         ("type A is A; class C { A a; public real calc() { return a; } }", "unknown name a"),
         ("class C { public real calc(real in x) { if (x > 0.0) { return 1.0; } } }", "does not assign"),
     ],

@@ -53,6 +53,19 @@ def test_floats_are_rounded_as_the_compiler_rounds_them(tmp_path):
     assert "float is computed in double precision" in function.remarks[0].message
 
 
+@pytest.mark.parametrize(
+    ("code", "differs"),
+    [("0.1f * u", True), ("u + (float)u", True), ("sqrtf(u)", True), ("2.0f * u", False), ("u / 3.0", False)],
+)
+def test_a_remark_says_where_numbers_of_single_precision_are_not_rounded(code, differs, tmp_path):
+    (tmp_path / "f.c").write_text(f"#include <math.h>\ndouble step(double u) {{\n    return {code};\n}}\n")
+    _, function = _values("f.c", tmp_path, {"u": np.ones(1)})
+    assert any("float is computed in double" in remark.message for remark in function.remarks) == differs
+    (tmp_path / "g.c").write_text("float step(double u) {\n    return u;\n}\n")
+    _, function = _values("g.c", tmp_path, {"u": np.ones(1)})
+    assert "float is computed in double" in function.remarks[0].message
+
+
 def test_a_long_of_32_bits_wraps(tmp_path):
     (tmp_path / "f.c").write_text(LONGS)
     rng = np.random.default_rng(1)

@@ -5,6 +5,7 @@ import ctypes
 import numpy as np
 import pytest
 
+from kennfeld.base.errors import InputError
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.models.function_files import read_function_file
@@ -228,6 +229,26 @@ PROGRAMS = {
                    + fdim(u, 1)
                    + tanh(u) + log2(1 + u * u) + isnan(u) + M_PI * 0;
         }""",
+    "memory": """
+        #include <string.h>
+        typedef struct { double x, y[3]; int k; } State;
+        static const double FIRST[6] = {1, 2, 3, 4, 5, 6};
+        double step(double u, int n, double *y) {
+            double a[4] = {1, 2, 3, u}, b[4] = {5, 6, 7, 8}, m[2][3] = {{1, 2, 3}, {4, 5, 6}};
+            State s = {u, {1, 2, 3}, n}, t[2] = {{1, {2, 3, 4}, 5}, {6, {7, 8, 9}, 10}};
+            memset(a, 0, 2 * sizeof(double));
+            memcpy(b, a, sizeof a - sizeof a[0]);
+            memset(m, 0, sizeof m[0]);
+            memset(s.y, 0, 2 * sizeof s.y[0]);
+            memcpy(&t[1], &s, sizeof(State));
+            memset(t, 0, sizeof *t);
+            if (n > 2) memcpy(a, FIRST, sizeof a);
+            memset(&s.k, 0, sizeof(int));
+            memset(b, 0, 0);
+            *y = a[0] + 10 * a[1] + 100 * a[2] + 1000 * a[3] + m[0][2] + 7 * m[1][1];
+            return b[0] + 3 * b[2] + 5 * b[3] + s.y[1] + 2 * s.y[2] + 11 * t[0].y[1] + 13 * t[1].y[2] + t[1].k + s.k
+                + '\\xff' + '\\101' + '\\0';
+        }""",
     "whole": """
         #include <math.h>
         double step(double u, int n, double *y) {
@@ -259,6 +280,29 @@ def test_it_computes_what_the_compiler_makes_of_it(program, tmp_path):
     nodes = evaluate(model.graph, {name: columns[name] for name in model.graph.inputs} | {"u": u}, ParameterSet())
     np.testing.assert_allclose(nodes["step"], value, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(nodes["y"], y, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize(("call", "size"), [("memset(a, 0, 12)", 12), ("memcpy(a, b, 5 * sizeof(double))", 40)])
+def test_a_size_in_bytes_that_is_not_that_of_elements_is_refused(call, size, tmp_path):
+    (tmp_path / "f.c").write_text(
+        f"double f(double u) {{\n    double a[4] = {{1, 2, 3, u}}, b[8] = {{0}};\n    {call};\n    return a[3];\n}}\n"
+    )
+    with pytest.raises(InputError, match=rf"line 3: \w+ of {size} bytes of a, which has 32, is not supported"):
+        read_function_file("f.c:f", tmp_path)
+
+
+def test_a_printed_variable_that_changes_is_refused_and_a_printed_one_is_not(tmp_path):
+    for argument, is_supported in (("n", True), ("n++", False), ("n = 3", False)):
+        source = f'double f(int n) {{\n    printf("%d", {argument});\n    return n;\n}}\n'
+        (tmp_path / "f.c").write_text(f"#include <stdio.h>\n{source}")
+        if is_supported:
+            assert (
+                evaluate(as_model(read_function_file("f.c:f", tmp_path)).graph, {"n": np.ones(1)}, ParameterSet())["f"]
+                == 1
+            )
+        else:
+            with pytest.raises(InputError, match="line 3: a variable that changes within the arguments of printf"):
+                read_function_file("f.c:f", tmp_path)
 
 
 def test_a_loop_without_a_known_end_is_followed_for_some_passes_with_a_remark(tmp_path):

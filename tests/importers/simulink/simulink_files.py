@@ -77,6 +77,7 @@ class Chart:
     the state that it is drawn in, data an initial value, a size and a parent, events (name, scope, trigger) a parent.
     `functions` are states that are functions, with their code in MATLAB or "" where they are drawn. `types` are those
     of data by their names. A transition through the edge of one of the `subcharts` is stored whole and in pieces.
+    `tables` are functions that are truth tables: the rows of conditions and of actions, and whether they are in MATLAB.
     """
 
     states: dict[str, str] = field(default_factory=dict)
@@ -93,6 +94,7 @@ class Chart:
     language: str = "C"
     types: dict[str, str] = field(default_factory=dict)
     subcharts: tuple[str, ...] = ()
+    tables: dict[str, tuple[list[list[str]], list[list[str]], bool]] = field(default_factory=dict)
 
     def ids(self):
         """The numbers of states and junctions by their names."""
@@ -154,10 +156,20 @@ class Chart:
                 link = [at, number - 1 if place else 0, 0 if last else number + 1]
                 yield number, (start, end, whole[2], within), order, {"type": "SUB", "subLink": link}
 
+    def truth_table(self, name):
+        """Keys of the truth table of a function: its arrays of texts, column by column."""
+        rows, actions, _ = self.tables[name]
+        return {"isTruthTable": 1, "predicateArray": _text_array(rows), "actionArray": _text_array(actions)}
+
     def written(self):
         """The settings of the chart."""
         keys = {"decomposition": "SET_CHART" if "" in self.parallel else "CLUSTER_CHART"}
         return keys | ({"actionLanguage": "2"} if self.language == "MATLAB" else {}) | self.settings
+
+
+def _text_array(rows):
+    texts = (f'T"{row[at]}"' for at in range(len(rows[0])) for row in rows)
+    return f"100 C{len(rows)}x{len(rows[0])}{{{','.join(texts)}}}"
 
 
 @dataclass
@@ -550,6 +562,9 @@ def _content_xml(chart, holder=""):
         code = chart.functions.get(name)
         inside = _p("labelString", chart.states[name]) + "".join(_p(*pair) for pair in chart.keys(name).items())
         inside += f"<eml>{_p('isEML', 1)}{_p('script', code)}</eml>" if code else ""
+        if name in chart.tables:
+            inside += f"<eml>{_p('isEML', 1)}</eml>" if chart.tables[name][2] else ""
+            inside += f"<truthTable>{''.join(_p(*pair) for pair in chart.truth_table(name).items())}</truthTable>"
         below = _content_xml(chart, name)
         inside += f"<Children>{below}</Children>" if below else ""
         content.append(f'<state SSID="{ids[name]}">{inside}</state>')
@@ -750,9 +765,11 @@ def _flat(drawn, chart, base):
         tree = f"treeNode [{ids[drawn.parents.get(name, '')]} 0 0 0]"
         keys = [f"{key} {value}" for key, value in drawn.keys(name).items()]
         head = [f"id {number}", f"ssIdNumber {number - base}", _key("labelString", text), tree, f"chart {chart}"]
-        content.append(
-            _braces("state", *head, *keys, *([_braces("eml", "isEML 1", _key("script", code))] if code else []))
-        )
+        parts = [_braces("eml", "isEML 1", _key("script", code))] if code else []
+        if name in drawn.tables:
+            table = (_key(*pair) for pair in drawn.truth_table(name).items())
+            parts += [_braces("eml", "isEML 1")] * drawn.tables[name][2] + [_braces("truthTable", *table)]
+        content.append(_braces("state", *head, *keys, *parts))
     for name in (*drawn.junctions, *drawn.histories):
         kind = "HISTORY_JUNCTION" if name in drawn.histories else "CONNECTIVE_JUNCTION"
         head = [f"id {ids[name]}", f"ssIdNumber {ids[name] - base}", f"type {kind}", f"chart {chart}"]

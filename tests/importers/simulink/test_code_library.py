@@ -20,6 +20,12 @@ def arrays(u, v):
     return x, matrix, np.array([3, 1, 2, -4, 0.5])
 
 
+def place_above(u, v, otherwise, which=0):
+    """The first or last place of an element above 2, counted from 1."""
+    places = np.flatnonzero(arrays(u, v)[0] > 2) + 1
+    return places[which] if places.size else otherwise
+
+
 def wrapped(x):
     return x if abs(x) <= math.pi else math.remainder(x, 2 * math.pi)
 
@@ -219,6 +225,13 @@ STATEMENTS = [
      6 + u - v + arrays(u, v)[0].min() + 2 * arrays(u, v)[0].max()),
     ("[X, Y] = meshgrid(1:2, [u v]);\ny = sum(sum(X.*Y));", lambda u, v: 3 * (u + v)),
     ("q = find([0 1 1]);\ny = sum(q)*u;", lambda u, v: 5 * u),
+    ("k = find(x > 2, 1);\nif isempty(k)\n k = 9;\nend\ny = k;", lambda u, v: place_above(u, v, 9)),
+    ("k = find(x > 2, 1, 'last');\nn = 0;\nif u > 0\n n = 5;\nend\nif ~isempty(k)\n n = n + k;\nend\ny = n + numel(k);",
+     lambda u, v: 5 * (u > 0) + (place_above(u, v, -1, -1) + 1)),
+    ("if isempty(find(x > 2, 1))\n y = -1;\nelse\n y = length(find(x > 2, 1));\nend", lambda u, v:
+     min(place_above(u, v, -1), 1)),
+    ("k = find(x > 2, 1);\nif k\n y = k;\nelse\n y = -1;\nend\ny = y + 10*any(k);", lambda u, v:
+     place_above(u, v, -1) + 10 * (place_above(u, v, 0) > 0)),
     ("k = find(x > 0, 1);\nif any(x > 0)\n y = k;\nelse\n y = 0;\nend", lambda u, v: int(np.argmax(arrays(u, v)[0] > 0))
      + 1),
 ]  # fmt: skip

@@ -71,7 +71,6 @@ def test_real_signals_have_parts_like_complex_ones(tmp_path):
 REFUSED = [
     ("RealImagToComplex", 2, {}, "its output is complex"),
     ("AlgebraicConstraint", 1, {}, "it solves for a value that makes its input 0"),
-    ("HitCross", 1, {}, "it makes the solver locate a zero crossing"),
     ("MATLABFcn", 1, {"MATLABFcn": "besselj(1,u)"}, r"it calls besselj\(1,u\) in MATLAB in each step"),
     ("UnitConversion", 1, {}, "it converts between the units of ports"),
 ]

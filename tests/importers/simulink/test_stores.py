@@ -326,6 +326,24 @@ def test_the_error_for_a_too_long_delay_explains_how_to_shorten_it(tmp_path):
     assert len(model.graph.states) == 5
 
 
+@pytest.mark.parametrize("kind", ["Variable time delay", "Variable transport delay"])
+def test_a_delay_that_is_limited_needs_states_up_to_its_limit_only(kind, tmp_path):
+    outputs = {}
+    for longest in ("900", "2"):
+        drawn = Model(step="0.1", solver="FixedStepDiscrete")
+        drawn.block("VariableTransportDelay", "B", ports=(2, 1), VariableDelayType=kind, MaximumDelay=longest)
+        drawn.block("Saturate", "S", LowerLimit="0.15", UpperLimit="0.35" if longest == "900" else "inf")
+        drawn.between(["u1"], "B", ["y1"])
+        drawn.inport("u2")
+        drawn.chain("u2", "S")
+        drawn.line("S", "B:2")
+        model = imported(drawn, tmp_path)
+        time = np.clip(0.3 * np.sin(np.arange(30)) + 0.2, None, 0.35)
+        outputs[longest] = run(model, {"u1": U, "u2": time})["y1"]
+        assert (len(model.graph.states) < 20) == (longest == "900")
+    np.testing.assert_array_equal(outputs["900"], outputs["2"])
+
+
 # where values come from
 
 

@@ -92,6 +92,9 @@ def test_a_variable_without_a_new_value_loses_its_old_one(tmp_path):
     [
         "load('sub/deep/x.mat')",
         "load(fullfile('sub', 'deep', 'x'))",
+        "here = fileparts(mfilename('fullpath'));\nload(fullfile(here, 'sub', 'deep', 'x.mat'))",
+        "[here, name, ending] = fileparts(mfilename('fullpath'));\nload([here '/sub/deep/x' ending])",
+        "load(['sub' filesep 'deep' filesep 'x.mat'])",
         "load sub/deep/x.mat",
         "load('.\\sub\\deep\\x.mat')",
     ],

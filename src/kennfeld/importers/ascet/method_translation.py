@@ -403,32 +403,44 @@ def _sizes(dimensions: Sequence[Dimension]) -> list[int | None]:
 
 
 def _without_break(body: e.Statements) -> e.Statements:
-    """Return the statements of a case without the `break` that ends it, perhaps within a block."""
-    if body and isinstance(body[-1], e.Jump) and body[-1].kind == "break":
-        body = body[:-1]
-    elif body and isinstance(body[-1], e.Block):
-        body = (*body[:-1], replace(body[-1], statements=_without_break(body[-1].statements)))
-    if (place := _break_in(body)) is not None:
-        # it ends the case, which no statement of the graph does; it would end a loop around the switch
-        message = "a break that does not end its case is not supported"
-        raise UnsupportedEsdlError(message, "Put the other statements of the case under a condition.", place)
+    """Return the statements of a case without the `break`s that end it, perhaps under conditions or within blocks.
+
+    What follows a statement that may end the case moves to where it does not.
+    """
+    for at, statement in enumerate(body):
+        before, rest = body[:at], body[at + 1 :]
+        match statement:
+            case e.Jump("break"):
+                return before
+            case e.If(_, inner, otherwise) if _break_in((statement,)):
+                yes, no = (_without_break(_continued(branch, rest)) for branch in (inner, otherwise))
+                return (*before, replace(statement, body=yes, otherwise=no))
+            case e.Block(inner) if _break_in((statement,)):
+                return (*before, replace(statement, statements=_without_break(_continued(inner, rest))))
     return body
 
 
-def _break_in(body: e.Statements) -> e.TextPosition | None:
-    """Return the place of a `break` that is not one of a loop or a switch within the statements."""
+def _continued(inner: e.Statements, rest: e.Statements) -> e.Statements:
+    """Return statements with those behind them, which must not see the variables that the former declare."""
+    declared = next((statement for statement in inner if isinstance(statement, e.Declare)), None)
+    is_ended = any(statement == e.Jump("break", place=statement.place) for statement in inner)
+    if declared is not None and rest and not is_ended:
+        message = "a break beside the declaration of a variable that does not end its case is not supported"
+        raise UnsupportedEsdlError(message, "Declare the variable before the case.", declared.place)
+    return (*inner, *rest)
+
+
+def _break_in(body: e.Statements) -> bool:
+    """Return True if there is a `break` that is not one of a loop or a switch within the statements."""
     for statement in body:
-        place: e.TextPosition | None = None
         match statement:
             case e.Jump("break"):
-                place = statement.place
-            case e.If(_, inner, otherwise):
-                place = _break_in((*inner, *otherwise))
-            case e.Block(inner):
-                place = _break_in(inner)
-        if place is not None:
-            return place
-    return None
+                return True
+            case e.If(_, inner, otherwise) if _break_in((*inner, *otherwise)):
+                return True
+            case e.Block(inner) if _break_in(inner):
+                return True
+    return False
 
 
 def _leaves_pass(statements: m.Statements) -> bool:

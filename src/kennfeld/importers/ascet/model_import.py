@@ -25,7 +25,7 @@ from kennfeld.importers.ascet.resolved_types import Dimension, NumberType, leave
 from kennfeld.importers.ascet.unsupported import UnsupportedEsdlError
 from kennfeld.models.formula.printer import merge_equal_states
 from kennfeld.models.imperative import symbolic_values as s
-from kennfeld.models.imperative.evaluation_context import EvaluationContext
+from kennfeld.models.imperative.evaluation_context import MAX_PASSES, EvaluationContext
 from kennfeld.models.imperative.evaluation_errors import AbortedPathError, ProgramError
 from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.imperative.statement_interpreter import GLOBAL, StatementInterpreter
@@ -35,6 +35,7 @@ from kennfeld.models.quantities import Quantity, calibratable
 from kennfeld.models.sample_times import sample_hit
 from kennfeld.program import tree as m
 
+OPEN_PASSES: Final = MAX_PASSES - 1  # of a loop without a known end; one with a known end may have as many
 _MAX_SHOWN: Final = 200  # elements of an array that become nodes
 
 
@@ -71,6 +72,7 @@ class EsdlModelImport:
         self.code = ProgramCode(program, translate_method)
         self.findings: list[Finding] = []
         self.frozen: dict[str, None] = {}
+        self.open_loops: dict[str, None] = {}
 
     def run(self) -> EsdlImport:
         """Return the model and the report."""
@@ -118,7 +120,7 @@ class EsdlModelImport:
 
     def _remarks(self) -> tuple[Finding, ...]:
         sentences = import_remarks(self.program, self.code, self.frozen)
-        own = tuple(Finding(Location(), text, severity="remark") for text in sentences)
+        own = tuple(Finding(Location(), text, severity="remark") for text in (*sentences, *self.open_loops))
         others = () if self.findings else (replace(f, severity="warning") for f in self.program.findings)
         return (*self.selection.remarks, *own, *others)
 
@@ -303,7 +305,13 @@ class EsdlModelImport:
             functions={name: code.definition for name, code in self.code.functions.items()},
             library=library(self.parameters.names),
             frozen=lambda text: self.frozen.update({text: None}),
+            open_passes=OPEN_PASSES,
+            open_loop=self._note_open_loop,
         )
+
+    def _note_open_loop(self, line: int) -> None:
+        sentence = f"the end of a loop in line {line} depends on signals: it is followed for {OPEN_PASSES} passes"
+        self.open_loops[f"{sentence}, and results are NaN beyond"] = None
 
     def _arguments(self, code: MethodCode, process: Process) -> list[Nodes]:
         """Return the inputs that are the arguments of a method."""

@@ -68,6 +68,7 @@ class CCallTranslation(CExpressionTranslation):
             return COperand(call_of(plain, *(operand.tree for operand in operands)), INT)
         # sinf takes and returns floats
         kind = self.file.types.number("float") if plain != name else DOUBLE
+        self.note_precision(kind)
         result = call_of(plain, *(converted(operand, kind) for operand in operands))
         return COperand(rounded(result), kind) if kind.single else COperand(result, DOUBLE)
 

@@ -25,7 +25,7 @@ from kennfeld.importers.c.number_types import (
 )
 from kennfeld.importers.c.places import CPlace, PlaceTranslation, kind_of, parts_of
 from kennfeld.importers.c.sizes import size_of
-from kennfeld.importers.c.struct_types import TAG, CStructType, DeclaredType, integer_literal
+from kennfeld.importers.c.struct_types import TAG, CStructType, DeclaredType, ObjectType, integer_literal
 from kennfeld.program import tree as m
 
 _COMPARISONS: Final = {"==": "==", "!=": "~=", "<": "<", "<=": "<=", ">": ">", ">=": ">="}
@@ -99,9 +99,18 @@ class CExpressionTranslation(PlaceTranslation):
     def operand(self, tree: c_ast.Node) -> COperand:
         """Translate an expression to a number."""
         try:
-            return self._operand(tree)
+            result = self._operand(tree)
         except UnsupportedCError as error:
             raise error if error.line else UnsupportedCError(error.message, line_of(tree), wrong=error.wrong) from None
+        # 2.0f is the same number in double precision, 0.1f is another one
+        if not (isinstance(tree, c_ast.Constant) and isinstance(result.tree, m.Number) and _is_single(result.tree)):
+            self.note_precision(result.type)
+        return result
+
+    def note_precision(self, kind: ObjectType | None) -> None:
+        """Note that numbers of a type are not rounded to single precision."""
+        if kind is FLOAT:
+            self.remarks["float is computed in double precision"] = None
 
     def _operand(self, tree: c_ast.Node) -> COperand:
         match tree:
@@ -210,8 +219,7 @@ class CExpressionTranslation(PlaceTranslation):
         if place.is_constant:
             raise UnsupportedCError(f"{place.label} is const and cannot be assigned", line, wrong=True)
         assert isinstance(place.type, CType)
-        if place.type is FLOAT:
-            self.remarks["float is computed in double precision"] = None
+        self.note_precision(place.type)
         value, position = converted(operand, place.type), m.TextPosition(line)
         if place.unions:  # the value may be of the member that it replaces
             name = m.Name(self.temporary())
@@ -446,6 +454,12 @@ class CExpressionTranslation(PlaceTranslation):
 def _is_number(tree: c_ast.Node) -> bool:
     """Return True for an expression of which `sizeof` needs the type only, not a place."""
     return isinstance(tree, c_ast.Constant | c_ast.BinaryOp | c_ast.Cast)
+
+
+def _is_single(tree: m.Number) -> bool:
+    """Return True for a number that single precision represents."""
+    with np.errstate(over="ignore"):
+        return float(np.float32(tree.value)) == tree.value
 
 
 def _is_null(tree: c_ast.Node) -> bool:

@@ -9,9 +9,10 @@ from kennfeld.importers.c.call_translation import CCallTranslation
 from kennfeld.importers.c.declarations import CVariable, line_of, variable_of
 from kennfeld.importers.c.expression_translation import call_of, converted
 from kennfeld.importers.c.initial_values import count_elements, initial_trees
-from kennfeld.importers.c.number_types import FLOAT, UnsupportedCError
-from kennfeld.importers.c.places import CPlace, assigned_leaves
-from kennfeld.importers.c.struct_types import CStructType, Leaf
+from kennfeld.importers.c.number_types import UnsupportedCError
+from kennfeld.importers.c.places import CPlace, assigned_leaves, parts_of
+from kennfeld.importers.c.sizes import size_of
+from kennfeld.importers.c.struct_types import CStructType, Leaf, constant_integer
 from kennfeld.program import tree as m
 
 _VALUES = c_ast.ID | c_ast.StructRef | c_ast.ArrayRef | c_ast.UnaryOp
@@ -100,14 +101,47 @@ class ObjectTranslation(CCallTranslation):
         """Return the statements that set the parts of an object to 0."""
         return self._assigned(parts, [zeros_of(part.sizes) for part in parts], target, line)
 
+    # memset and memcpy
+
+    def memory_call(self, name: str, tree: c_ast.FuncCall) -> list[m.Statement]:
+        """Return the statements of memset with 0, or of memcpy, of an object or of the first elements of an array."""
+        arguments, line = list(tree.args.exprs) if tree.args is not None else [], line_of(tree)
+        if len(arguments) != 3:
+            raise UnsupportedCError(f"{name} takes 3 arguments, got {len(arguments)}", line, wrong=True)
+        target, value, written = arguments
+        size = constant_integer(written, self.file.types.constants, self._bytes)
+        place = self.address(target)
+        parts = self._first_parts(name, place, size, line)
+        if name == "memcpy":
+            source = self.address(value)
+            sources = self._first_parts(name, source, size, line)
+            if len(parts) != len(sources):  # one of two arrays is copied as a whole
+                parts, sources = _elements(parts), _elements(sources)
+            if len(parts) != len(sources):
+                raise UnsupportedCError(f"{place.label} and {source.label} have different types", line)
+            return [each for pair in zip(parts, sources, strict=True) for each in self.copied(*pair, line)]
+        if not isinstance(value, c_ast.Constant) or value.value not in ("0", "0U", "0u"):
+            raise UnsupportedCError("memset is supported with 0 only", line)
+        return self.filled([number for part in parts for number in parts_of(part)], place, line)
+
+    def _first_parts(self, name: str, place: CPlace, size: int, line: int) -> list[CPlace]:
+        """Return the object if it has a size in bytes, or the first elements of an array that have it together."""
+        if size_of(self.file.types, place.type, place.sizes) == size:
+            return [place]
+        step = size_of(self.file.types, place.type, place.sizes[1:]) if place.sizes else 0
+        if not step or size % step or not 0 <= size // step <= place.sizes[0]:
+            whole = size_of(self.file.types, place.type, place.sizes)
+            message = f"{name} of {size} bytes of {place.label}, which has {whole}, is not supported"
+            raise UnsupportedCError(message, line)
+        return [place.element(m.Number(at + 1.0)) for at in range(size // step)]
+
     # first values
 
     def first_assignments(self, tree: c_ast.Decl, variable: CVariable) -> list[m.Statement]:
         """Return the statements that give a variable the first values of a list."""
         place = m.TextPosition(line_of(tree))
         values = self.first_values(tree, variable)
-        if variable.type is FLOAT:
-            self.remarks["float is computed in double precision"] = None
+        self.note_precision(variable.type)
         return [m.Assign((m.Name(f"{variable.name}{leaf.path}"),), value, place=place) for leaf, value in values]
 
     def first_values(self, tree: c_ast.Decl, variable: CVariable) -> list[tuple[Leaf, m.Expression]]:
@@ -150,6 +184,13 @@ class ObjectTranslation(CCallTranslation):
             return self.place(tree)
         except UnsupportedCError:
             return None
+
+
+def _elements(parts: Sequence[CPlace]) -> list[CPlace]:
+    """Return the elements of a single array; several parts as they are."""
+    if len(parts) > 1 or not parts[0].sizes:
+        return list(parts)
+    return [parts[0].element(m.Number(at + 1.0)) for at in range(parts[0].sizes[0])]
 
 
 def zeros_of(sizes: Sequence[int]) -> m.Expression:

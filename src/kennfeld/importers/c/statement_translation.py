@@ -17,14 +17,15 @@ from kennfeld.importers.c.declarations import (
 )
 from kennfeld.importers.c.expression_translation import COperand, converted
 from kennfeld.importers.c.initial_values import count_elements
-from kennfeld.importers.c.number_types import FLOAT, CType, UnsupportedCError
+from kennfeld.importers.c.number_types import CType, UnsupportedCError
 from kennfeld.importers.c.object_translation import ObjectTranslation
-from kennfeld.importers.c.places import CPlace, Scope, parts_of
+from kennfeld.importers.c.places import CPlace, Scope
 from kennfeld.importers.c.struct_types import CStructType, enumeration_constants, enumerations
 from kennfeld.program import tree as m
 
 _YES: Final = m.Number(1.0)
 _NO: Final = m.Number(0.0)
+_COUNTING: Final = ("++", "--", "p++", "p--")
 _SILENT: Final = frozenset({"printf", "assert", "puts", "fprintf", "fflush"})
 
 
@@ -49,8 +50,7 @@ class FunctionTranslation(ObjectTranslation):
         for argument in self.function.arguments:
             self.scopes[-1][argument.variable.name] = argument.variable
             self._taken[argument.variable.name] = 1
-            if argument.variable.type is FLOAT:
-                self.remarks["float is computed in double precision"] = None
+            self.note_precision(argument.variable.type)
         body = self._block(self.function.tree.body.block_items or ())
         # variables that keep their values are global names of the shared tree
         head = (m.Declaration("global", tuple(self.statics_used)),) if self.statics_used else ()
@@ -138,9 +138,12 @@ class FunctionTranslation(ObjectTranslation):
     def _call_statement(self, tree: c_ast.FuncCall) -> list[m.Statement]:
         name = getattr(tree.name, "name", "")
         if name in _SILENT:
+            if tree.args is not None and _changes_a_variable(tree.args):
+                message = f"a variable that changes within the arguments of {name} is not supported"
+                raise UnsupportedCError(message, line_of(tree))
             return []
         if name in ("memset", "memcpy") and name not in self.file.functions:
-            return self._fill(name, tree) if tree.args is not None and len(tree.args.exprs) == 3 else []
+            return self.memory_call(name, tree)
         operand: COperand | None = None
         declared = self.file.functions.get(name)
         if declared is not None and isinstance(declared.result, CStructType):
@@ -163,20 +166,9 @@ class FunctionTranslation(ObjectTranslation):
         if isinstance(self.function.result, CStructType):
             result = CPlace(CVariable(RESULT, self.function.result), "", self.function.result)
             return [*self.copied(result, self.place(value), place.line), jump]
+        self.note_precision(self.function.result)
         number = converted(self.operand(value), self.function.result)
         return [m.Assign((m.Name(RESULT),), number, place=place), jump]
-
-    def _fill(self, name: str, tree: c_ast.FuncCall) -> list[m.Statement]:
-        """Return the statements of memset with 0, or of memcpy, of a whole variable."""
-        target, value, size = tree.args.exprs
-        place, line = self.address(target), line_of(tree)
-        if not _is_whole(size):
-            raise UnsupportedCError(f"{name} of a part of a variable is not supported", line)
-        if name == "memcpy":
-            return self.copied(place, self.address(value), line)
-        if not isinstance(value, c_ast.Constant) or value.value not in ("0", "0U", "0u"):
-            raise UnsupportedCError("memset is supported with 0 only", line)
-        return self.filled(parts_of(place), place, line)
 
     # declarations
 
@@ -217,8 +209,7 @@ class FunctionTranslation(ObjectTranslation):
             self.scopes[-1][tree.name] = variable
             return []
         statements = self._first_assignments(tree, variable)
-        if variable.type is FLOAT:
-            self.remarks["float is computed in double precision"] = None
+        self.note_precision(variable.type)
         self.scopes[-1][tree.name] = variable
         return statements
 
@@ -379,11 +370,11 @@ def translate_shared(file: CFile) -> tuple[Scope, list[StaticVariable], list[Uns
     return scope, statics, problems
 
 
-def _is_whole(size: c_ast.Node) -> bool:
-    """Return True if a size in bytes is written with sizeof, as that of a whole variable."""
-    if isinstance(size, c_ast.UnaryOp) and size.op == "sizeof":
+def _changes_a_variable(tree: c_ast.Node) -> bool:
+    """Return True if an expression has an assignment, or counts a variable up or down."""
+    if isinstance(tree, c_ast.Assignment) or (isinstance(tree, c_ast.UnaryOp) and tree.op in _COUNTING):
         return True
-    return isinstance(size, c_ast.BinaryOp) and size.op == "*" and (_is_whole(size.left) or _is_whole(size.right))
+    return any(_changes_a_variable(child) for _, child in tree.children())
 
 
 def _any(keys: Sequence[m.Expression]) -> m.Expression:

@@ -1,6 +1,7 @@
 """Structs and unions of C: their members, and the numbers that they consist of."""
 
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field, replace
 from typing import Final, NamedTuple, TypeAlias
@@ -15,6 +16,11 @@ MAX_SIZE: Final = 100_000  # numbers of a variable
 _MAX_NESTING: Final = 20
 _MAX_PATHS: Final = 20_000  # of a struct, through the structs in it
 HIDDEN: Final = "?"  # how the names of members without names begin
+_ESCAPES: Final = {
+    r"\n": 10, r"\t": 9, r"\\": 92, r"\'": 39, r'\"': 34, r"\r": 13, r"\a": 7, r"\b": 8, r"\f": 12, r"\v": 11,
+    r"\?": 63,
+}  # fmt: skip
+_CHARACTER_CODE: Final = re.compile(r"\\x([0-9A-Fa-f]{1,2})|\\([0-7]{1,3})")
 TAG: Final = "%"  # how the names of members begin that tell which one of a union was written last
 
 
@@ -401,10 +407,13 @@ def integer_literal(text: str) -> int:
     (31, 15, 97, 10)
     """
     if text.startswith("'"):
-        escapes = {"\\n": 10, "\\t": 9, "\\0": 0, "\\\\": 92, "\\'": 39, "\\r": 13}
         inner = text[1:-1]
-        if inner in escapes:
-            return escapes[inner]
+        if inner in _ESCAPES:
+            return _ESCAPES[inner]
+        if (code := _CHARACTER_CODE.fullmatch(inner)) is not None:
+            number = int(code[1], 16) if code[1] else int(code[2], 8)
+            # char is signed: '\xff' is -1
+            return number - 256 if number > 127 else number
         if len(inner) != 1:
             raise UnsupportedCError(f"the character {text[:20]} is not supported")
         return ord(inner)

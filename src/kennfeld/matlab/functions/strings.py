@@ -147,6 +147,27 @@ def _fullfile(call: NumericArguments) -> v.Value:
     return v.characters(re.sub(r"(?<!^)/+", "/", joined))
 
 
+@function("filesep", 0)
+def _filesep(call: NumericArguments) -> v.Value:
+    return v.characters("/")
+
+
+@function("fileparts", 1)
+def _fileparts(call: NumericArguments) -> tuple[v.Value, ...]:
+    folder, _, file = call.text(0).replace("\\", "/").rpartition("/")
+    name, dot, ending = file.rpartition(".")
+    parts = (folder, name, dot + ending) if dot else (folder, file, "")
+    return tuple(map(v.characters, parts))
+
+
+@function("mfilename", 1)
+def _mfilename(call: NumericArguments) -> v.Value:
+    if call.text(0) != "fullpath":
+        raise v.MatlabValueError("mfilename is supported with 'fullpath' only")
+    # paths are relative to the folder of the script
+    return v.characters("./mfilename")
+
+
 @function("blanks", 1)
 def _blanks(call: NumericArguments) -> v.Value:
     call.budget.allocate(call.integer(0))

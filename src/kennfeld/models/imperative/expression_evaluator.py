@@ -37,6 +37,8 @@ _OPERATORS = frozenset({"+", "-", ".*", "./", ".^", "==", "~=", "!=", "<", "<=",
 
 _TRUE_OR_FALSE = frozenset({"==", "~=", "!=", "<", "<=", ">", ">=", "&", "|", "&&", "||"})
 _ELEMENTWISE = {"*": ".*", "/": "./", "^": ".^"}
+# comparisons of an index that `find` returns with itself, which NaN for none differs from
+_OF_FOUND_INDEX = {"isempty": "ne", "numel": "eq", "length": "eq", "any": "eq"}
 
 
 class ExpressionEvaluator:
@@ -381,11 +383,21 @@ class ExpressionEvaluator:
         if name in ("nargin", "nargout") and not arguments:
             frame = self.body.frame
             return s.constants(self.builder, frame.arguments if name == "nargin" else frame.wanted)
+        if name in _OF_FOUND_INDEX and len(arguments) == 1 and (index := self._found_index(arguments[0])) is not None:
+            result = self.apply(_OF_FOUND_INDEX[name], index, index)
+            return result if name in ("numel", "length") else s.as_logical(result)
         if name == "isempty" and len(arguments) == 1 and isinstance(arguments[0], m.Name):
             return self._is_empty(arguments[0].name)
         if name == "exist" and arguments and isinstance(arguments[0], m.Text):
             return self._exists(arguments[0].value)
         return None
+
+    def _found_index(self, tree: m.Expression) -> s.FoundIndex | None:
+        """Return the index that `find` returns, or a variable with it; None for other expressions."""
+        value = self.body.names.get(tree.name) if isinstance(tree, m.Name) else None
+        if isinstance(tree, m.Call) and tree.of == m.Name("find"):
+            value = self.value(tree)
+        return value if isinstance(value, s.FoundIndex) else None
 
     def _exists(self, name: str) -> s.SymbolicValue:
         """Return the condition that a variable exists, which may depend on a decision."""

@@ -191,6 +191,8 @@ class _StateMerge:
 
     def _selected(self, condition: int, yes: Nodes, no: Nodes) -> Nodes:
         """Return an array of one size, selected by a condition."""
+        if yes is no:
+            return yes
         choice = np.array([[condition]], dtype=np.int64)
         result = yes if np.array_equal(yes, no) else elementwise(self.builder, "select", choice, yes, no)
         if isinstance(yes, s.LogicalNodes) and isinstance(no, s.LogicalNodes):

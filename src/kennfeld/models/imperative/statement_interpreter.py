@@ -220,6 +220,8 @@ class StatementInterpreter:
 
     def truth(self, value: s.SymbolicValue) -> int:
         """Return the condition of a value: all elements are non-zero, and there are any."""
+        if isinstance(value, s.FoundIndex):
+            return self.builder.call("eq", value.item(), value.item())
         return reduce_nodes(self.builder, "and", s.as_array(s.force(value), "a condition").ravel())
 
     def fail_where(self, condition: int) -> None:

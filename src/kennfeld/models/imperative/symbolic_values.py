@@ -22,6 +22,10 @@ class LogicalNodes(np.ndarray[tuple[int, ...], np.dtype[np.int64]]):
     """Array of nodes of class logical, which is a mask if used as an index."""
 
 
+class FoundIndex(np.ndarray[tuple[int, ...], np.dtype[np.int64]]):
+    """Node of an index that `find` returns: NaN if there is none, where MATLAB has an empty array."""
+
+
 class String(str):
     """Text in double quotes: one element, whereas text in single quotes is a row of characters."""
 

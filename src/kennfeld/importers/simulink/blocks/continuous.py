@@ -27,6 +27,7 @@ from kennfeld.importers.simulink.signals import (
     select,
 )
 from kennfeld.models.imperative.node_arrays import Nodes, reduce_nodes
+from kennfeld.models.imperative.path_facts import bound_of
 
 _MAX_ORDER = 100  # of a zero-pole transfer function
 _MAX_STATES = 1000  # of a variable delay, which needs a state for each step
@@ -63,16 +64,20 @@ def _delay_output(block: BlockContext, delay: Signal, late: Signal, init: Signal
     return select(passed, late, init)
 
 
-def _steps(block: BlockContext) -> int:
-    """Return how many steps a variable delay may reach back."""
+def _steps(block: BlockContext, time: Signal) -> int:
+    """Return how many steps a variable delay may reach back: its longest one, or less if its input is limited."""
     step, longest = _fixed_step(block), block.numeric_field("MaximumDelay")
     count = int(np.ceil(longest / step - 1e-9))
+    bound = bound_of(block.builder, time.flat[0], up=True)
+    if 0.0 <= bound < longest:
+        # one more, as distances travelled are rounded
+        count = min(count, int(np.ceil(bound / step - 1e-9)) + 1)
     if not 1 <= count <= _MAX_STATES:
         field, most = toml_text(f"{block.flat.path}:MaximumDelay"), f"{_MAX_STATES * step:g}"
         raise UnsupportedError(
             f"its MaximumDelay of {longest:g} s is {count} steps of {step:g} s; at most {_MAX_STATES} are supported",
-            f"Set a shorter one: [parameters.{field}] initial = {most} in the project, in Python "
-            f"parameters=[{{{field}: {most}}}].",
+            f"Limit its delay by a Saturation with constant limits, or set a shorter one: [parameters.{field}] "
+            f"initial = {most} in the project, in Python parameters=[{{{field}: {most}}}].",
         )
     return count
 
@@ -88,10 +93,11 @@ def _handles_zero(block: BlockContext) -> bool:
 def variable_delay(block: BlockContext) -> SignalOrBus:
     """Delay the input by a variable time in s, or by the transport time of a pipe."""
     kind = block.option("VariableDelayType", "Variable transport delay", "Variable time delay")
-    time = block.hold_in_minor_steps(block.input(1))
+    arriving = block.input(1)
+    time = block.hold_in_minor_steps(arriving)
     if time.size != 1:
         raise UnsupportedError("its delay is a vector, which is not supported")
-    count, init = _steps(block), block.parameter("InitialOutput")
+    count, init = _steps(block, arriving), block.parameter("InitialOutput")
     steps = range(1, count + 1)
     late = [block.discrete_state(init, lambda _: block.hold_in_minor_steps(block.input(0)), at) for at in steps]
     if kind == "Variable transport delay":

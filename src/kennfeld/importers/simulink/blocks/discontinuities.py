@@ -1,4 +1,4 @@
-"""Discontinuities library: saturation, dead zone, relay, backlash, rate limiter, friction."""
+"""Discontinuities library: saturation, dead zone, hit crossing, relay, backlash, rate limiter, friction."""
 
 from kennfeld.importers.simulink.lowering import ARITHMETIC, BlockContext, UnsupportedError, block
 from kennfeld.importers.simulink.reader.model_tree import ModelBlock
@@ -33,6 +33,27 @@ def dead_zone(block: BlockContext) -> SignalOrBus:
 def dead_zone_dynamic(block: BlockContext) -> SignalOrBus:
     """Return a dead zone of the second input between the third and the first input."""
     return _dead_zone(block.input(2), block.input(0), block.input(1))
+
+
+@block("HitCross", HitCrossingOffset="0", HitCrossingDirection="either", SampleTime="-1")
+def hit_crossing(block: BlockContext) -> SignalOrBus:
+    """Return 1 in the first step in which the input has reached or crossed an offset, and while it rests there.
+
+    With the direction "either", any value equal to the offset counts.
+    """
+    if any(text.strip() == "Message" for text in block.flat.block.parameters.values()):
+        raise UnsupportedError("its output is a message, which is not supported", "Let it output a signal.")
+    direction = block.option("HitCrossingDirection", "rising", "falling", "either")
+    x = block.hold_in_minor_steps(block.input()) - block.parameter("HitCrossingOffset")
+    hits, rests, zero = block.zero_crossing(x, direction), apply("eq", x, 0.0), block.constant(0.0)
+    following: list[Signal] = []
+    # as generated code does: a crossing inverts the output, and the step after one does not look for another
+    before = block.discrete_state(zero, lambda _: following[0])
+    has_hit = block.discrete_state(zero, lambda _: following[1])
+    stays = before & rests
+    y = select(has_hit, stays, select(hits, ~before, rests if direction == "either" else stays))
+    following += [y, hits & ~has_hit]
+    return y
 
 
 def _dead_zone(low: Signal, high: Signal, u: Signal) -> Signal:

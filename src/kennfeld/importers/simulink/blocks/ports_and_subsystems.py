@@ -1,13 +1,13 @@
 """Ports & Subsystems library: ports, bound blocks, sinks, conditional and iterated subsystems."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
 from kennfeld.importers.simulink.blocks.bus_values import fit_to_bus, fit_to_dimensions
 from kennfeld.importers.simulink.blocks.continuous import reset_signal
-from kennfeld.importers.simulink.flattening.flat_model import SINK_TYPES, SignalSource, resets_on_enable
+from kennfeld.importers.simulink.flattening.flat_model import SINK_TYPES, FlatBlock, SignalSource, resets_on_enable
 from kennfeld.importers.simulink.lowering import (
     LIKE_INPUT,
     BlockContext,
@@ -279,14 +279,26 @@ def _last_selected(y: Signal, conditions: Sequence[Signal], signals: Sequence[Si
 
 def _initial_merge_value(block: BlockContext, sources: Sequence[SignalSource]) -> Signal:
     """Return the initial value of a Merge: its own, else the last one of its inputs that has one."""
-    conditional = [source.flat for source in reversed(sources) if source.flat.type == "ConditionalOutput"]
+    conditional = [flat for flat in _merged(reversed(sources)) if flat.type in ("ConditionalOutput", "Merge")]
     for context in (block, *map(block.of, conditional)):
         if (stated := context.initial_output()) is not None:
             return stated
     return block.constant(0.0)
 
 
+def _merged(sources: Iterable[SignalSource]) -> Iterator[FlatBlock]:
+    """Yield the blocks before a Merge, those before another Merge among them included."""
+    for source in sources:
+        yield source.flat
+        if source.flat.type == "Merge":
+            yield from _merged(inner for inner in reversed(source.flat.inputs) if inner is not None)
+
+
 def _runs(block: BlockContext, source: SignalSource) -> Signal:
+    if source.flat.type == "Merge":
+        # merges in a row are one: the first passes a new value on if one of its own inputs has one
+        before = [inner for inner in source.flat.inputs if inner is not None]
+        return block.reduce("or", [_runs(block, inner) for inner in before])
     if source.flat.type != "ConditionalOutput" or source.flat.control is None:
         raise UnsupportedError(f"its input from {source.flat.path} is not the output of a conditional subsystem")
     return block.compiler.signal(SignalSource(source.flat.control, 0))

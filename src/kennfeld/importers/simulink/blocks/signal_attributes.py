@@ -83,10 +83,6 @@ _REFUSED = {
     **dict.fromkeys(
         ("Algebraic Constraint", "AlgebraicConstraint"), (_SOLVES, "Solve the equation explicitly, and bind the block.")
     ),
-    "HitCross": (
-        "it makes the solver locate a zero crossing between two steps, which is not supported",
-        "Use a Detect block instead, or bind it.",
-    ),
 }
 
 _PROBE_FIELDS = ("ProbeWidth", "ProbeSampleTime", "ProbeComplexSignal", "ProbeSignalDimensions", "ProbeFramedSignal")

@@ -65,7 +65,8 @@ class BuildOrder:
     agenda: PendingCompletions
     build: Callable[[FlatBlock], tuple[SignalOrBus, ...]]
     loops: list[tuple[FlatBlock, ...]] = field(default_factory=list)
-    _begun: dict[FlatBlock, None] = field(default_factory=dict)  # blocks waiting for others, outermost first
+    # blocks waiting for others, outermost first, with what they depend on
+    _begun: dict[FlatBlock, list[FlatBlock]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.values = self.needs.values
@@ -101,8 +102,7 @@ class BuildOrder:
             if flat in self.values:
                 self._begun.pop(stack.pop(), None)
                 continue
-            self._begun[flat] = None
-            missing = [needed for needed in self.needs.step_dependencies(flat) if needed not in self.values]
+            missing = [needed for needed in self._dependencies(flat) if needed not in self.values]
             if not missing:
                 self.values[flat] = self.build(flat)
                 continue
@@ -114,6 +114,13 @@ class BuildOrder:
                 self.values[looped] = placeholder_outputs(self.builder, looped)  # breaks the algebraic loop
             else:
                 stack.extend(reversed(missing))
+
+    def _dependencies(self, flat: FlatBlock) -> list[FlatBlock]:
+        """Return what a block depends on in the same step, and note that it waits for that."""
+        # the dependencies of an iteration grow once the one before it is lowered; those of others stay
+        if flat not in self._begun or flat.previous_pass is not None:
+            self._begun[flat] = self.needs.step_dependencies(flat)
+        return self._begun[flat]
 
     def build_dependents(
         self, flat: FlatBlock, outputs: tuple[SignalOrBus, ...], goals: Iterable[FlatBlock]

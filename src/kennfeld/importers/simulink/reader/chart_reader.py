@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 
 from kennfeld.importers.simulink.reader.model_tree import (
     StoredChart,
@@ -13,13 +14,21 @@ from kennfeld.importers.simulink.reader.model_tree import (
     normalize_path,
 )
 from kennfeld.importers.simulink.reader.section_tree import SectionNode
+from kennfeld.importers.simulink.reader.truth_tables import (
+    TruthTable,
+    is_generated,
+    read_truth_table,
+    table_flow,
+    table_script,
+)
 
+_TABLE = "Truth Table"
 _KINDS = {
     "EML_CHART": "MATLAB Function",
     "2": "MATLAB Function",
-    "TRUTH_TABLE_CHART": "Truth Table",
-    "TRUTHTABLE_CHART": "Truth Table",
-    "1": "Truth Table",
+    "TRUTH_TABLE_CHART": _TABLE,
+    "TRUTHTABLE_CHART": _TABLE,
+    "1": _TABLE,
     "STATE_TRANSITION_TABLE_CHART": "State Transition Table",
 }
 _SETTINGS = ("stateMachineType", "enableNonTerminalStates", "initializeOutput")
@@ -98,8 +107,11 @@ def _chart(section: SectionNode, name: str, content: Content) -> StoredChart:
     keys = section.keys
     # classic files link transitions by the numbers of the machine, XML by those within the chart (SSID)
     numbers = {part.keys["id"]: number for part, number, _ in content if "id" in part.keys}
+    tables = {number: table for part, number, _ in _of(content, "state") if (table := read_truth_table(part))}
+    # what is stored beside a truth table was made of it, perhaps before its last change
+    content = [entry for entry in content if entry[2] not in tables or not is_generated(entry[0])]
     states = tuple(_state(*entry) for entry in _of(content, "state"))
-    return StoredChart(
+    chart = StoredChart(
         id=keys.get("id", ""),
         name=name,
         kind=_KINDS.get(keys.get("type", ""), "Chart"),
@@ -121,6 +133,30 @@ def _chart(section: SectionNode, name: str, content: Content) -> StoredChart:
         bits=keys.get("actionLanguage") == "1",
         settings={key: keys[key] for key in _SETTINGS if key in keys},
     )
+    return _with_truth_tables(chart, tables) if tables else chart
+
+
+def _with_truth_tables(chart: StoredChart, tables: Mapping[str, TruthTable]) -> StoredChart:
+    """Return a chart whose truth tables are functions: code in MATLAB, or flow charts in C."""
+    drawn = {state.id: state for state in chart.states}
+    scripts = {number: table_script(table, drawn[number]) for number, table in tables.items() if table.is_matlab}
+    flows = [table_flow(table, drawn[number]) for number, table in tables.items() if not table.is_matlab]
+    chart = replace(
+        chart,
+        states=tuple(replace(state, script=scripts.get(state.id, state.script)) for state in chart.states),
+        junctions=(*chart.junctions, *(junction for flow in flows for junction in flow.junctions)),
+        transitions=(*chart.transitions, *(transition for flow in flows for transition in flow.transitions)),
+        data=(*chart.data, *(data for flow in flows for data in flow.data)),
+    )
+    return _of_table_block(chart) if chart.kind == _TABLE and len(tables) == 1 else chart
+
+
+def _of_table_block(chart: StoredChart) -> StoredChart:
+    """Return the chart of a Truth Table block: it calls its only function, whose variables are those of the chart."""
+    call = f"{{{chart.states[0].name.partition('(')[0].rpartition('=')[2].strip()}();}}"
+    end = StoredJunction("end of the call")
+    transitions = (*chart.transitions, StoredTransition("call", call, "", end.id, 1))
+    return replace(chart, kind="Chart", script="", junctions=(*chart.junctions, end), transitions=transitions)
 
 
 def _of(content: Content, kind: str) -> Iterator[tuple[SectionNode, str, str]]:
@@ -147,8 +183,8 @@ def _special(section: SectionNode) -> str:
     block, table = section.first("simulink"), section.first("truthTable")
     if block is not None:
         return "a Simulink function" if block.get("isSimulinkFcn") == "1" else "a state made of Simulink blocks"
-    if table is not None and table.get("isTruthTable") == "1":
-        return "a truth table"
+    if table is not None and table.get("isTruthTable") == "1" and read_truth_table(section) is None:
+        return "a truth table whose entries or actions cannot be read"
     parts = section.first("subchart", "component")
     return "an atomic subchart" if parts is not None or section.keys.get("superState") == "ATOMIC" else ""
 

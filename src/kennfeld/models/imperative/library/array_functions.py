@@ -11,7 +11,7 @@ from kennfeld.matlab.values import array_value, characters
 from kennfeld.models.imperative.library.function_registry import SymbolicArguments, function
 from kennfeld.models.imperative.library.numeric_rules import call_numerically
 from kennfeld.models.imperative.node_arrays import Elementwise, Nodes
-from kennfeld.models.imperative.symbolic_values import LogicalNodes, SymbolicValue, as_logical, constants
+from kennfeld.models.imperative.symbolic_values import FoundIndex, LogicalNodes, SymbolicValue, as_logical, constants
 
 _MAX_SORTED = 64  # elements: the exchanges grow with their square
 
@@ -54,7 +54,7 @@ def _find_single(args: SymbolicArguments, array: Nodes) -> SymbolicValue:
     order = range(len(flat)) if last else range(len(flat) - 1, -1, -1)
     for at in order:
         result = builder.call("select", flat[at], builder.const(at + 1.0), result)
-    return np.array([[result]], dtype=np.int64)
+    return np.array([[result]], dtype=np.int64).view(FoundIndex)
 
 
 @function("meshgrid", least=1, most=2)
