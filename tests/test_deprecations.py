@@ -1,5 +1,7 @@
 """Former names of arguments work, give the same, and say what to write instead, as docs/stability.md promises."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -53,3 +55,19 @@ def test_the_function_for_lines_on_the_progress_may_be_stated_as_report(work):
         assert told(lambda report: work(report=report)) == now
     assert issued[0].filename == __file__
     assert now
+
+
+def test_piece_starts_of_a_dataset_may_be_stated_and_read_as_starts():
+    now = kf.Dataset.of("d", LINE, piece_starts=[0, 10])
+    message = "the argument starts is now called piece_starts: write piece_starts="
+    for construct in (
+        lambda: kf.Dataset.of("d", LINE, starts=[0, 10]),
+        lambda: dataclasses.replace(now, starts=[0, 10]),
+    ):
+        with pytest.warns(DeprecationWarning, match=message) as issued:
+            former = construct()
+        assert former.piece_starts.tolist() == [0, 10]
+        assert len(issued) == 1
+    with pytest.warns(DeprecationWarning, match=r"Dataset\.starts is now called piece_starts") as issued:
+        assert former.starts is former.piece_starts
+    assert issued[0].filename == __file__

@@ -427,7 +427,7 @@ TIMES = re.compile(r", \d+(?:\.\d+)? s$|^- +\d")  # of searches
 
 
 def not_printed(shown, printed):
-    """Return the lines of an output shown that no printed line has, to 5 % of each number; times do not count."""
+    """Return the lines shown that no printed line has: numbers to 5 %, chosen factors to 20 %, without times."""
     lines = {}
     for line in printed.splitlines():
         lines.setdefault(tuple(NUMBER.sub("#", line).split()), []).append([float(n) for n in NUMBER.findall(line)])
@@ -435,7 +435,8 @@ def not_printed(shown, printed):
     for line in shown.splitlines():
         if line.strip() in ("", "...") or TIMES.search(line):
             continue
-        numbers = pytest.approx([float(n) for n in NUMBER.findall(line)], rel=0.05)
+        tolerance = 0.2 if line.startswith("smoothness of ") else 0.05  # the error hardly depends on the factors
+        numbers = pytest.approx([float(n) for n in NUMBER.findall(line)], rel=tolerance)
         if not any(found == numbers for found in lines.get(tuple(NUMBER.sub("#", line).split()), ())):
             wrong.append(line)
     return wrong

@@ -60,7 +60,7 @@ export default defineConfig({
   build: {
     outDir: "../src/kennfeld/app/static",
     emptyOutDir: true,
-    modulePreload: false,
+    modulePreload: { polyfill: false }, // a polyfill would be a script within the page
     assetsInlineLimit: 0,
     rollupOptions: {
       output: { entryFileNames: "app.js", chunkFileNames: "[name].js", assetFileNames: "[name][extname]" },

@@ -79,7 +79,7 @@ def draw_warmup() -> None:
 def draw_plateaus() -> None:
     """Draw the stretches of a recording in which two channels are steady, and their means."""
     data = exhaust.training()
-    starts = segment_starts(data.time, data.starts, data.counting, 0.0)
+    starts = segment_starts(data.time, data.piece_starts, data.counting, 0.0)
     firsts = [first_in_band(data[name].values, tolerance, starts) for name, tolerance in BANDS.items()]
     ranges = find_plateaus(data.time, np.maximum.reduce(firsts), WINDOW)
     means = average_plateaus(data, data.counting, ranges)

@@ -128,7 +128,7 @@ def test_missing_inputs_do_not_count_as_samples():
 
 def test_pieces_are_named_where_time_starts_anew():
     data = Dataset.of(
-        "d", {"x": [0.5, 0.5, 0.5, 3.0], "z": 4 * [0.5]}, time=np.array([0, 1, 0, 1.0]), starts=np.array([0, 2])
+        "d", {"x": [0.5, 0.5, 0.5, 3.0], "z": 4 * [0.5]}, time=np.array([0, 1, 0, 1.0]), piece_starts=np.array([0, 2])
     )
     (row,) = extrapolation_of("y = F(x, z)", static(), data)
     assert (row.worst.piece, row.place) == (2, "1 s of piece 2")
@@ -171,7 +171,7 @@ def test_blocks_change_nothing(text, monkeypatch):
     data = Dataset.of(
         *("d", {"x": rng.uniform(-0.2, 1.2, 100), "z": rng.uniform(-0.2, 1.2, 100)}),
         time=np.arange(100.0) % 50,
-        starts=np.array([0, 50]),
+        piece_starts=np.array([0, 50]),
     )
     whole = extrapolation_of(text, static(), data)
     monkeypatch.setattr(calls_module, "SAMPLES_PER_BLOCK", 7)

@@ -20,7 +20,7 @@ def datasets_of(pieces, *, timed):
     for i, sizes in enumerate(pieces):
         starts = np.cumsum([0, *sizes[:-1]])
         time = np.concatenate([np.arange(size) * 0.1 for size in sizes]) if timed else None
-        datasets.append(kf.Dataset.of(f"d{i}", {"x": np.arange(float(sum(sizes)))}, time=time, starts=starts))
+        datasets.append(kf.Dataset.of(f"d{i}", {"x": np.arange(float(sum(sizes)))}, time=time, piece_starts=starts))
     return datasets
 
 

@@ -253,7 +253,7 @@ def test_a_target_may_be_a_node_or_a_number():
 def test_recordings_have_an_autocorrelation_and_a_piece():
     rng = np.random.default_rng(0)
     time = np.r_[np.arange(300) * 0.1, np.arange(200) * 0.1]
-    data = Dataset.of("d", {"x": np.zeros(500), "t": rng.normal(size=500)}, time=time, starts=np.array([0, 300]))
+    data = Dataset.of("d", {"x": np.zeros(500), "t": rng.normal(size=500)}, time=time, piece_starts=np.array([0, 300]))
     curve = Curve("C", [0, 1], [0.0, 0.0])
     (analysis,) = residuals(problem_of("y = C(x)", [curve], data), ParameterSet([curve]), worst=500)
     memory = analysis.summaries[0].autocorrelation
@@ -285,7 +285,7 @@ def test_one_sample_or_none(count):
 def test_neighbours_in_time_with_errors_of_one_sign_are_one_event():
     error = np.array([0.0, 1, 3, 2, -1, -4, -1, 5, 5, np.nan, 2, 7, 1])
     data = Dataset.of(
-        "d", {"x": np.zeros(13), "t": -error}, time=np.arange(13) * 0.1, starts=np.array([0, 12]), scored=None
+        "d", {"x": np.zeros(13), "t": -error}, time=np.arange(13) * 0.1, piece_starts=np.array([0, 12]), scored=None
     )
     curve = Curve("C", [0, 1], [0.0, 0.0])
     (analysis,) = residuals(problem_of("y = C(x)", [curve], data), ParameterSet([curve]))

@@ -10,7 +10,19 @@ from tests.app.browser import READY
 from tests.app.shared_app import project_page
 
 AXE = Path(__file__).parents[2] / "web" / "node_modules" / "axe-core" / "axe.min.js"
-SCREENS = ("start", "data", "function", "parameters", "optimization", "results", "plots", "files", "control-unit")
+SCREENS = (
+    "start",
+    "data",
+    "function",
+    "parameters",
+    "optimization",
+    "results",
+    "plots",
+    "files",
+    "missing",
+    "design",
+    "control-unit",
+)
 RUN = """async () => (await axe.run(document, { resultTypes: ["violations"] })).violations.map(
   (each) => `${each.id}: ${each.nodes.slice(0, 3).map((node) => node.html.slice(0, 120)).join(" | ")}`)"""
 

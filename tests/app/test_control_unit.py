@@ -9,11 +9,14 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.app.questions import COMMANDS, QUESTIONS
+from kennfeld.app.questions.control_unit import UnitCommand, _settings
+from kennfeld.app.session.calibration_source import SourceName
 from kennfeld.app.session.runs import Run
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetTables
 from kennfeld.base.errors import ArgumentError, InputError
 from kennfeld.calfiles import read
+from kennfeld.export import cross_compiler
 from kennfeld.export.host_compiler import HostCompiler
 from tests.calfiles import a2l_files
 
@@ -218,3 +221,20 @@ def test_an_a2l_file_chosen_for_the_storage_states_the_steps(session: Session) -
     assert "ecu.a2l does not define it" in rows["Gain"]["reason"]
     ask(session, "set-storage", steps={}, storage="")
     assert ask(session, "control-unit")["storage"] == ""
+
+
+def test_libraries_of_an_fmu_for_other_machines_are_offered_and_refused_without_their_compiler(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cross_compiler, "find_spec", lambda name: None)
+    offered = ask(session, "control-unit")
+    assert {offered["platform"], *offered["platforms"]} >= set(cross_compiler.PLATFORMS)
+    assert offered["platform"] not in offered["platforms"]
+    assert "pip install kennfeld[platforms]" in offered["cross"]
+    with pytest.raises(ArgumentError, match="ziglang"):
+        write(session, languages=["c", "fmu"], platforms=[offered["platforms"][0]])
+    assert not (session.path.parent / "export").exists()
+    monkeypatch.setattr(cross_compiler, "find_spec", lambda name: object())
+    assert ask(session, "control-unit")["cross"] == ""
+    chosen = UnitCommand(SourceName("now"), ["fmu"], [], platforms=["aarch64-linux", "aarch64-linux"])
+    assert _settings(chosen, "fmu").platforms == ("aarch64-linux",)

@@ -76,3 +76,25 @@ def test_a_shift_is_estimated_kept_and_taken_back_and_a_file_is_turned_off(tmp_p
         assert page.locator(".data .heads > span").all_inner_texts() == ["a.csv", "b.csv"]
         page.click("[data-channel=extra]")
         page.wait_for_selector(".allfiles h2:text-is('extra')")
+
+
+def test_a_drag_along_the_line_of_a_channel_shifts_it(tmp_path: Path) -> None:
+    for number, name in enumerate("abc", 1):
+        write_drive(tmp_path / f"{name}.csv", number, late=3)
+    (tmp_path / "gain.kf").write_text("y = k * u\n", encoding="utf-8")
+    (tmp_path / "kennfeld.toml").write_text(SETTINGS, encoding="utf-8")
+    shift = "() => document.querySelector('input[aria-label=\"Shift of m\"]').value"
+    with project_page(tmp_path / "kennfeld.toml", "data") as page:
+        page.wait_for_selector(".data .heads > span:text-is('c.csv')")  # the scale of the files is known
+        box = page.locator("tr[data-channel=m] td.line").bounding_box()
+        page.mouse.move(box["x"] + 20, box["y"] + 10)
+        page.mouse.down()
+        page.mouse.move(box["x"] + 30, box["y"] + 10, steps=2)
+        page.mouse.up()
+        page.wait_for_function(f"{shift} !== ''")
+        shifted = float(page.evaluate(shift))
+        assert shifted > 0
+        assert shifted / 0.1 == pytest.approx(round(shifted / 0.1))  # whole samples
+        page.wait_for_selector(READY)
+        page.click("#undo")
+        page.wait_for_function(f"{shift} === ''")

@@ -8,8 +8,11 @@ import pytest
 
 from kennfeld.app.questions import QUESTIONS
 from kennfeld.app.questions.overview import overview
+from kennfeld.app.session import design_work
+from kennfeld.app.session.side_work import PartialOutcome
 from kennfeld.app.session.state import SetKeys
 from kennfeld.base.errors import InputError
+from kennfeld.design.api import Request
 from tests.app.questions import WaitingSession
 
 pytestmark = pytest.mark.usefixtures("forked_workers")
@@ -129,3 +132,16 @@ def test_a_project_without_data_gets_points_that_fill_its_ranges(tmp_path: Path)
     assert all(800 <= row["channels"][0] <= 6000 for row in proposed["points"])
     assert proposed["tables"] == []
     assert any("no recordings" in row["message"] for row in proposed["remarks"])
+
+
+def test_a_design_so_far_is_told_so_that_a_stop_leaves_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_map(tmp_path, time=True)
+    monkeypatch.setattr(design_work, "EVERY", 0.0)
+    unsaved, candidates = {"kennfeld.toml": f"{MAP}[design]\nlength = 5.0\n"}, (str(tmp_path / "bench.csv"),)
+    task = design_work.DesignTask(path, unsaved, None, False, Request(segments=2), candidates)
+    told: list[Any] = []
+    whole = task.run(told.append)
+    first, *_ = [message.outcome.design for message in told if isinstance(message, PartialOutcome)]
+    assert [segment.file for segment in first.segments] == ["bench.csv"]
+    assert "stopped: 1 of 2 segments were chosen" in str(first.findings[-1])
+    assert len(whole.design.segments) == 2

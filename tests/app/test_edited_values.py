@@ -184,10 +184,10 @@ def test_a_plot_does_not_mix_a_recording_with_its_successor(project: Path) -> No
     recording = session.require_view().model.recordings[0]
     record(project.with_name("d1.csv"), 2.0 * X, X + 100.0)
     with pytest.raises(ArgumentError, match="have changed since they were read"):
-        session._read_channels(recording, ["z"])
+        session._recordings.further_channels(recording, ["z"])
     session.refresh()
     recording = session.require_view().model.recordings[0]
-    np.testing.assert_allclose(session._read_channels(recording, ["z"])["z"], X + 100.0, atol=1e-6)
+    np.testing.assert_allclose(session._recordings.further_channels(recording, ["z"])["z"], X + 100.0, atol=1e-6)
 
 
 @pytest.mark.parametrize("tables", ["{}", '{"C": {"kind": "curve"}}', "not JSON"])

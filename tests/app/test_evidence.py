@@ -8,7 +8,7 @@ import pytest
 from kennfeld.app.questions import QUESTIONS
 from kennfeld.app.session.evidence import corrections
 from kennfeld.app.session.session import Session
-from kennfeld.app.session.state import SetValues
+from kennfeld.app.session.state import SetTables, SetValues
 
 
 @pytest.mark.parametrize("name", ["MapOptTorque", "MapDragTorque"])
@@ -36,11 +36,24 @@ def test_the_weights_of_a_stretch_add_up_to_its_samples(exhaust: Path) -> None:
     assert weights["MapSettled"].shape == (12, 12)
 
 
-def test_stretches_are_runs_of_samples(exhaust: Path) -> None:
+def test_stretches_are_runs_of_samples_the_longest_first(exhaust: Path) -> None:
     view = Session(exhaust).require_view()
     part = view.evidence.informing("MapSettled", 60)[0]
     members = np.concatenate([np.arange(first, last + 1) for first, last in part.stretches])
-    np.testing.assert_array_equal(members, part.samples)
+    np.testing.assert_array_equal(np.sort(members), part.samples)
+    lengths = [last - first for first, last in part.stretches]
+    assert lengths == sorted(lengths, reverse=True)
+
+
+def test_the_samples_of_a_value_are_found_once_until_lookups_move(torque: Path) -> None:
+    session = Session(torque)
+    view = session.require_view()
+    first, again = (view.evidence.informing("CurveEtaDeltaSpark", 3) for _ in range(2))
+    assert again is first
+    session.do(SetTables("edited", {"MapOptIgnition": session.parameters["MapOptIgnition"].values + 5}))
+    moved = view.evidence.informing("CurveEtaDeltaSpark", 3)
+    assert not np.array_equal(moved[0].samples, first[0].samples)
+    assert view.evidence.informing("CurveEtaDeltaSpark", 4)[0].samples is not moved[0].samples
 
 
 def test_counts_agree_with_those_of_the_trust(exhaust: Path) -> None:

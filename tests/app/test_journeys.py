@@ -21,6 +21,8 @@ etaSpark = CurveEtaDeltaSpark(deltaSpark)
 product = trqOpt * etaSpark
 dragTorque = MapDragTorque(Speed,Rel_Airmass)
 TorquePredict = product - dragTorque"""
+EXAMPLE = Path(__file__).parents[2] / "examples" / "simulink"
+CHANNELS = {"Speed": "n_mot", "Load": "rl", "Ignition": "zw", "Vehicle": "v_fzg", "T_sensor": "t_abg"}
 WAIT = 240_000  # ms for a run on a busy machine
 
 FLEET = """\
@@ -118,6 +120,40 @@ def test_twenty_recordings_are_cross_validated_and_released_as_dcm(tmp_path: Pat
         page.wait_for_selector("#unsaved:not(.dirty)")
     released = kf.read_parameters(tmp_path / "results" / "parameters.dcm")["MapTorque"]
     assert float(released(2500.0, 50.0)) == pytest.approx(0.05 * 2500 + 1.5 * 50, abs=0.5)
+
+
+@pytest.mark.guests
+def test_from_a_dropped_simulink_model_to_the_values_of_its_map(tmp_path: Path) -> None:
+    files = [str(EXAMPLE / name) for name in ("exhaust.mdl", "exhaust.m", "drive_1.csv", "drive_2.csv")]
+    with started(None, tmp_path) as (address, process), browser_page(address) as page:
+        page.set_input_files("#drop input", files)
+        page.wait_for_selector("[data-file='drive_2.csv']")
+        page.click("[data-screen=function]")
+        page.click("[data-blocking='Sensor/Radiation'] .btn")
+        page.fill("#binding", "0.15 * (t_wand - 20)")
+        page.click(".binding button:text-is('Bind')")
+        page.wait_for_selector("[data-blocking]", state="detached")
+        page.click("#add-proposals")  # leads to where they are listed, as only the user knows the channels
+        for name, channel in CHANNELS.items():
+            page.select_option(f"#proposals select[aria-label^='{name} ']", channel)
+        page.click("#add-all")
+        page.wait_for_selector("#rmse-training:has-text('.')")
+        before = rmse(page)
+        page.click("#run")
+        page.wait_for_selector("#job-state.converged", timeout=WAIT)
+        assert rmse(page) < 0.1 * before
+        page.click("[data-screen=parameters]")
+        page.click("[data-parameter=MapGas]")
+        page.wait_for_selector("td[data-cell='4,3']")
+        shown = float(page.inner_text("td[data-cell='2,1']"))
+        page.click("#save")
+        page.wait_for_selector("#unsaved:not(.dirty)")
+        export_dcm(page)
+        process.terminate()
+        process.wait()
+    released = kf.read_parameters(tmp_path / "exhaust" / "results" / "parameters.dcm")["MapGas"]
+    assert [axis.breakpoints.size for axis in released.axes] == [5, 4]
+    assert released.values[2, 1] == pytest.approx(shown, abs=0.5)
 
 
 def test_an_edit_during_a_run_waits_and_is_applied_to_its_values(torque: Path) -> None:

@@ -32,6 +32,18 @@ def test_an_edit_moves_lookups_without_compiling_them_again(torque: Path, monkey
     assert compiled == []
 
 
+def test_an_edit_that_moves_no_lookup_keeps_them(torque: Path) -> None:
+    session = Session(torque)
+    view = session.require_view()
+    evidence, samples = view.evidence, view.samples
+    session.do(SetTables("edited", {"MapOptTorque": session.parameters["MapOptTorque"].values * 1.1}))
+    assert view.evidence is evidence
+    assert view.samples is samples
+    session.do(SetTables("edited", {"MapOptIgnition": session.parameters["MapOptIgnition"].values + 5}))
+    assert view.evidence is not evidence
+    assert view.samples is not samples
+
+
 def test_settings_are_parsed_once_a_text(torque: Path) -> None:
     session = Session(torque)
     assert session.settings is session.settings

@@ -13,7 +13,7 @@ from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetText
 from kennfeld.base.errors import ArgumentError, InputError
 from tests.app.questions import WaitingSession
-from tests.project.test_missing_terms import write_bench
+from tests.project.test_missing_terms import plant_map, write_bench
 
 pytestmark = pytest.mark.usefixtures("forked_workers")
 
@@ -49,6 +49,7 @@ def test_a_term_is_found_and_applied_with_its_fit_as_one_command(bench: Looking)
     assert {row["name"]: row["places"] for row in offered["kinds"]} == {
         "add": 3,
         "multiply": 3,
+        "map": 3,
         "lag": 0,
         "delay": 0,
         "offset": 3,
@@ -174,3 +175,18 @@ initial = 2.0
     shown = QUESTIONS["term"](bench.session, {"number": 0}).head
     assert (shown["input"], list(shown["points"])[:4]) == ("recording", [1, 2, 3, 4])
     assert any(line["text"] == 'per = "recording"' for line in shown["files"][1]["lines"])
+
+
+@pytest.mark.slow
+def test_a_map_is_shown_with_both_axes_and_applied(tmp_path: Path) -> None:
+    path = write_bench(tmp_path, planted="", samples=80)
+    plant_map(tmp_path)
+    bench = Looking(path)
+    [row] = bench.look(kinds=["map"], channels=["speed", "oil"], nodes=["drag"])["proposals"]
+    assert (row["kind"], row["channel"], row["second"], row["ends"]) == ("add", "speed", "oil", [])
+    shown = bench.ask("term", number=0)
+    assert (shown["input"], shown["second"]) == ("speed", "oil")
+    assert len(shown["now"]) == len(shown["points"]) * len(shown["secondPoints"]) == len(shown["deviation"])
+    bench.ask("apply-term", number=0)
+    assert not bench.session.stale, bench.session.findings
+    assert rmse(bench.session) == pytest.approx(row["training"]["after"], rel=1e-9)

@@ -132,8 +132,8 @@ def test_processes_of_a_run_end_with_the_session(tmp_path: Path) -> None:
     session = Session(write_project(tmp_path, PARTITIONS + "workers = 2\n", "\n[optimizer]\nstarts = 100\n"))
     session.run()
     wait(session, lambda: bool(session.job.trace) or session.job.state != "running")
-    assert session._running is not None
-    started = processes.Process(session._running.process.pid).children(recursive=True)
+    assert session._runner.running is not None
+    started = processes.Process(session._runner.running.process.pid).children(recursive=True)
     assert len(started) >= 2
     session.close()
     wait(session, lambda: not any(process.is_running() for process in started))
@@ -231,5 +231,5 @@ def test_further_channels_of_recordings_are_refused_with_a_reason(tmp_path: Path
     session = Session(write_project(tmp_path))
     recording = session.require_view().model.recordings[0]
     with pytest.raises(ArgumentError, match="other cannot be drawn, since the data are in partitions"):
-        session._read_channels(recording, ["other"])
-    assert session._read_channels(recording, []) == {}
+        session._recordings.further_channels(recording, ["other"])
+    assert session._recordings.further_channels(recording, []) == {}

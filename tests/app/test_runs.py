@@ -107,7 +107,7 @@ def test_the_folds_of_a_cross_validation_are_drawn_apart(torque: Path) -> None:
     session = Session(torque)
     stages = [("fold 1 descent", 5.0), ("fold 1 descent", 4.0), ("fold 2 descent", 6.0)]
     lines = [TraceLine(k, 0, stage, rmse**2, rmse, 1.0, 0.1, 0, 0.1) for k, (stage, rmse) in enumerate(stages)]
-    session.job = Job("running", "", trace=lines, validates=True)
+    session._runner.job = Job("running", "", trace=lines, validates=True)
     answer = QUESTIONS["progress"](session, {})
     assert {name: values.tolist() for name, values in answer.arrays.items() if "rmse" in name} == {
         "rmse 1": [5.0, 4.0],

@@ -9,7 +9,7 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.app.session.session import Session
-from kennfeld.app.session.state import SetTables
+from kennfeld.app.session.state import SetTables, SetText
 from kennfeld.domain.parameters import Parameter
 from kennfeld.project import Project
 from kennfeld.project.demo import prepare, write
@@ -150,3 +150,39 @@ def test_a_saved_demo_is_a_project_that_kennfeld_reads(tmp_path: Path, demo: str
 def test_a_saved_example_is_a_project_that_kennfeld_reads(tmp_path: Path, example: str) -> None:
     shutil.copytree(EXAMPLES / example, tmp_path / example)
     save_and_read_again(tmp_path / example / "kennfeld.toml")
+
+
+def test_an_undo_after_saving_brings_the_text_of_a_file_back(tmp_path):
+    session = Session(write_project(tmp_path / "p", START, A, B, K))
+    file, before = session.path.with_name("m.kf"), session.text_of("m.kf")
+    session.do(SetText("Doubled K", "m.kf", before.replace("K", "2 * K")))
+    session.do(SetTables("edited", {"K": np.array(3.0)}))
+    session.save()
+    assert (session.undo(), session.undo()) != ("", "")
+    assert session.text_of("m.kf") == before
+    assert session.has_edits
+    session.save()
+    assert file.read_text(encoding="utf-8") == before
+    assert session.redo()
+    session.save()
+    assert file.read_text(encoding="utf-8") == before.replace("K", "2 * K")
+    assert Project.read(session.path).check() == []
+
+
+def test_a_file_that_is_edited_and_restored_has_no_edits(tmp_path):
+    session = Session(write_project(tmp_path / "p", START, A, B, K))
+    session.do(SetText("Doubled K", "m.kf", session.text_of("m.kf").replace("K", "2 * K")))
+    assert (session.has_edits, list(session.unsaved_texts)) == (True, ["m.kf"])
+    session.undo()
+    assert (session.has_edits, session.unsaved_texts, session.conflicts, session.disk_changes) == (False, {}, [], ())
+
+
+def test_an_undo_of_what_is_saved_is_not_saved(tmp_path):
+    session = Session(write_project(tmp_path / "p", START, A, B, K))
+    session.do(SetTables("edited", {"K": np.array(3.0)}))
+    session.save()
+    session.reload()
+    assert not session.has_edits
+    session.undo()
+    assert session.has_edits
+    assert session.history.titles_since(session.saved) == ["Undone: edited"]

@@ -1,6 +1,7 @@
 """The start page: recent projects with their summaries, and new projects from dropped files."""
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,8 @@ from kennfeld.base.errors import ArgumentError
 from kennfeld.project import Project
 from kennfeld.project.demo import write
 from tests.measurement.bus_files import DBC, drive, write_mf4
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "simulink"
 
 
 @pytest.fixture(autouse=True)
@@ -178,6 +181,25 @@ def test_dropped_files_are_assigned_by_their_content() -> None:
     assert settings["calibration"]["initial"] == ["start.csv", "late.dcm", {"a2l": "ecu.a2l", "hex": "ecu.hex"}]
     assert settings["model"]["file"] == "model.kf"
     assert workspace.session.undo() == "Added bench.csv, start.csv, late.dcm"
+
+
+@pytest.mark.guests
+def test_variables_of_a_dropped_model_are_not_initial_values() -> None:
+    workspace = AppWorkspace()
+    workspace.answer("new", {"name": "exhaust.mdl", "free": True})
+    names = ["exhaust.mdl", "exhaust.m", "drive_1.csv"]
+    for name in names:
+        shutil.copy(EXAMPLE / name, workspace.folder() / name)
+    workspace.answer("add-files", {"files": names})
+    assert workspace.session is not None
+    settings = workspace.session.settings
+    assert settings["model"] == {"file": "exhaust.mdl", "parameters": ["exhaust.m"]}
+    assert "calibration" not in settings
+    bind = [["model", "bind", "Sensor/Radiation"], "0.15 * (t_wand - 20)"]
+    workspace.answer("set-keys", {"title": "bound", "changes": [bind]})
+    proposals = workspace.answer("proposals", {}).head["proposals"]
+    inputs = [f"{name} reads the channel" for name in ("Speed", "Load", "Ignition", "Vehicle")]
+    assert [each["title"] for each in proposals] == [*inputs, "T_sensor follows the channel"]
 
 
 def test_recordings_added_later_are_test_data() -> None:

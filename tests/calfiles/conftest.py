@@ -1,6 +1,9 @@
+import warnings
 from pathlib import Path
 
 import pytest
+
+from kennfeld.base.errors import InputWarning
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
 
@@ -23,3 +26,11 @@ def written(tmp_path):
         return path
 
     return write
+
+
+@pytest.fixture(autouse=True)
+def without_input_warnings():
+    """Let files with skipped parts be read: what is skipped is tested by the findings of `describe`."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)
+        yield

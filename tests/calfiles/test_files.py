@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import kennfeld.calfiles
-from kennfeld.base.errors import ArgumentError, InputError
+from kennfeld.base.errors import ArgumentError, InputError, InputWarning
 from kennfeld.calfiles import describe, endings, read, write
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Axis, Curve, Scalar, Text
@@ -32,6 +32,7 @@ def test_the_public_names_are_pinned():
         "merge",
         "read",
         "read_several",
+        "read_with_findings",
         "recognise",
         "unwritable",
         "write",
@@ -166,3 +167,21 @@ def test_a_missing_file_is_refused_with_the_nearest_name(tmp_path):
 def test_a_folder_is_refused(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         read(tmp_path)
+
+
+SKIPPING = """KONSERVIERUNG_FORMAT 2.0
+KENNLINIE C 2
+ ST/X 1 1
+ WERT 5 6
+END
+FESTWERT K
+ WERT 3
+END
+"""
+
+
+def test_a_skipped_table_is_a_warning_in_python(written):
+    with pytest.warns(InputWarning, match=r"line 3 \(C\): the x axis neither rises nor falls"):
+        assert list(kennfeld.read_parameters(written(SKIPPING))) == ["K"]
+    with pytest.warns(InputWarning, match="neither rises nor falls"):
+        kennfeld.simulate("y = K * x", {"x": [1.0]}, written(SKIPPING))

@@ -60,3 +60,12 @@ def test_gains_name_what_only_one_candidate_tells():
     assert gains[0].argmax() == 0
     assert gains[1].argmax() == 1
     assert gains[0][1] == 0
+
+
+def test_a_search_that_is_stopped_keeps_what_it_has_chosen():
+    cover = random_coverage()
+    first = cover.choose(5, stop=lambda chosen: True)
+    assert first == cover.choose(1)
+    assert len(cover.choose(5, stop=lambda chosen: len(chosen) >= 3)) == 3
+    dropped = cover.drop(2)
+    assert cover.drop(2, exchange=True, stop=lambda gone: len(gone) >= 4) == dropped[:4]

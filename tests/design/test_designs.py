@@ -9,8 +9,9 @@ from kennfeld.base.errors import InputError
 from kennfeld.design import Design, design
 from kennfeld.design.information import Information
 from kennfeld.design.open_directions import amount_of, reduced_functions, regular_curvature
-from kennfeld.design.point_design import point_kinds
-from kennfeld.design.segments import cut_segments
+from kennfeld.design.point_design import design_points, point_kinds
+from kennfeld.design.segment_design import design_segments, reduce_recordings
+from kennfeld.design.segments import cut_files, cut_segments
 from tests.design.fits import MAP, drive, fitted, lag_fit, map_fit, product_fit, surface
 
 NARROW, WIDE = (0.0, 0.25, 0.5), (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -364,3 +365,41 @@ def test_a_map_of_weights_is_the_use():
     ):
         with pytest.raises(kf.ArgumentError, match=message):
             design(result, n=4, use=weights)
+
+
+def test_a_stopped_design_has_the_segments_so_far_and_says_so():
+    fit, candidates = fitted(lag_fit(drive(60, NARROW))), [drive(60, WIDE, 2, name="new")]
+    made = []
+
+    def watch(design_so_far):
+        made.append(design_so_far())
+        return len(made) == 2
+
+    proposal = design_segments(fit, candidates, candidates, 4, 10.0, None, watch=watch)
+    assert [len(each.segments) for each in made] == [1, 2]
+    assert proposal.segments == made[-1].segments
+    assert str(proposal.findings[-1]) == "design: stopped: 2 of 4 segments were chosen"
+    assert not design_segments(fit, candidates, candidates, 2, 10.0, None).findings
+
+
+def test_recordings_that_were_dropped_before_a_stop_stay_dropped():
+    drives = [drive(30, WIDE, 7, name=f"same {number}") for number in range(4)]
+    fit = fitted(lag_fit(drives))
+    proposal = reduce_recordings(fit, drives, drives, 1, watch=lambda made: True)
+    assert len(proposal.drop) == 1
+    assert str(proposal.findings[0]) == "design: stopped: 1 of 3 recordings were chosen"
+
+
+def test_a_stopped_choice_of_points_says_so():
+    fit = fitted(map_fit())
+    columns = {name: np.random.default_rng(0).uniform(0, 1, 50) for name in ("n", "l")}
+    proposal, chosen = design_points(fit, columns, 5, fit.problem.datasets, stop=lambda: True)
+    assert chosen.size == 1
+    assert "stopped: 1 of 5 points were chosen" in str(proposal.findings[-1])
+
+
+def test_recordings_of_one_name_are_told_apart():
+    drives = [drive(30, NARROW, 1), drive(30, WIDE, 2), drive(30, NARROW, 1)]
+    assert [each.file for each in cut_files(drives)] == ["drive (1)", "drive (2)", "drive (3)"]
+    segments = cut_segments([*drives[:2], drive(30, WIDE, 3, name="other")], 15.0, 0.0)
+    assert [each.file for each in segments] == ["drive (1)"] * 2 + ["drive (2)"] * 2 + ["other"] * 2

@@ -51,7 +51,7 @@ def test_a_dataset_has_its_time_as_index():
 
 
 def test_pieces_are_a_level_of_the_index():
-    data = kf.Dataset.of("bench", {"u": [1.0, 2.0, 3.0]}, starts=np.array([0, 2]))
+    data = kf.Dataset.of("bench", {"u": [1.0, 2.0, 3.0]}, piece_starts=np.array([0, 2]))
     assert data.to_frame().index.tolist() == [(0, 0), (0, 1), (1, 2)]
 
 

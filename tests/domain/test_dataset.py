@@ -65,11 +65,11 @@ def test_an_unknown_channel_is_named_with_the_nearest():
         ({"weight": -1.0}, "weight=-1 of dataset bench must be a finite number >= 0"),
         ({"weight": np.nan}, "weight=nan of dataset bench"),
         ({"weight": np.inf}, "weight=inf of dataset bench"),
-        ({"starts": []}, r"starts=\[\] of dataset bench must rise from 0 within 3 samples"),
-        ({"starts": [1]}, r"starts=\[1\]"),
-        ({"starts": [0, 0]}, r"starts=\[0, 0\]"),
-        ({"starts": [0, 2, 1]}, r"starts=\[0, 2, 1\]"),
-        ({"starts": [0, 3]}, r"starts=\[0, 3\]"),
+        ({"piece_starts": []}, r"piece_starts=\[\] of dataset bench must rise from 0 within 3 samples"),
+        ({"piece_starts": [1]}, r"piece_starts=\[1\]"),
+        ({"piece_starts": [0, 0]}, r"piece_starts=\[0, 0\]"),
+        ({"piece_starts": [0, 2, 1]}, r"piece_starts=\[0, 2, 1\]"),
+        ({"piece_starts": [0, 3]}, r"piece_starts=\[0, 3\]"),
         ({"scored": [True]}, "scored of dataset bench must have one entry per sample, 3"),
     ],
 )
@@ -94,7 +94,7 @@ def test_an_unknown_use_is_refused():
 
 
 def test_time_may_start_again_at_a_piece():
-    data = bench(time=[5.0, 6.0, 0.0], starts=[0, 2])
+    data = bench(time=[5.0, 6.0, 0.0], piece_starts=[0, 2])
     assert data.time.tolist() == [5.0, 6.0, 0.0]
     assert list(data.pieces) == [slice(0, 2), slice(2, 3)]
 
@@ -109,9 +109,9 @@ def test_time_cannot_be_changed():
         bench(time=[0.0, 1.0, 2.0]).time[0] = 3
 
 
-@pytest.mark.parametrize("attribute", ["starts", "scored"])
+@pytest.mark.parametrize("attribute", ["piece_starts", "scored"])
 def test_a_dataset_keeps_its_own_copy_of_arrays(attribute):
-    source = np.array([0, 1]) if attribute == "starts" else np.array([True, False, True])
+    source = np.array([0, 1]) if attribute == "piece_starts" else np.array([True, False, True])
     kept = source.copy()
     data = bench(**{attribute: source})
     source[-1] = 0
@@ -140,10 +140,10 @@ def test_channels_are_added_and_replaced():
 
 @pytest.mark.parametrize("chosen", [np.array([2, 0]), [2, 0]])
 def test_samples_of_steady_data_are_picked_in_order(chosen):
-    data = bench(scored=np.array([True, False, False]), starts=[0, 2]).select(chosen)
+    data = bench(scored=np.array([True, False, False]), piece_starts=[0, 2]).select(chosen)
     assert data["Speed"].values.tolist() == [3000, 1000]
     assert data.scored.tolist() == [False, True]
-    assert data.starts.tolist() == [0]
+    assert data.piece_starts.tolist() == [0]
 
 
 def test_a_mask_picks_samples():
@@ -162,12 +162,12 @@ def test_samples_with_time_cannot_be_picked():
 
 def test_recordings_join_as_pieces_over_the_channels_they_share():
     one = Dataset.of("one", {"a": [1, 2], "b": [3, 4]}, units={"a": "s"}, time=[0.0, 1.0], weight=2.0, use="test")
-    two = Dataset.of("two", {"c": [0, 0, 0], "a": [5, 6, 7]}, time=[0.5, 0.7, 0.1], starts=[0, 2])
+    two = Dataset.of("two", {"c": [0, 0, 0], "a": [5, 6, 7]}, time=[0.5, 0.7, 0.1], piece_starts=[0, 2])
     data = concatenate("all", [one, two])
     assert list(data) == ["a"]
     assert data["a"].values.tolist() == [1, 2, 5, 6, 7]
     assert data["a"].unit == "s"
-    assert data.starts.tolist() == [0, 2, 4]
+    assert data.piece_starts.tolist() == [0, 2, 4]
     assert data.time.tolist() == [0.0, 1.0, 0.5, 0.7, 0.1]
     assert (data.name, data.weight, data.use) == ("all", 2.0, "test")
 

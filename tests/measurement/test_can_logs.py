@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from kennfeld.base.errors import InputError
+from kennfeld.files.can_csv_columns import can_csv_separator
 from kennfeld.measurement import describe, read
 from tests.measurement.bus_files import DBC, Frame, drive, eec1, engine, write_log, write_mf4
 
@@ -185,6 +186,15 @@ CAN_CSV = {
         "Time,Channel,ID,Flags,DLC,D0,D1,D2,D3,D4,D5,D6,D7,Counter\n",
         "{k}.5,1,500,0,8,{numbers},1\n",
     ),
+    "a script": ("Time,CAN ID (hex),Payload\n", "{k}.5,0x1F4,{pairs}\n"),
+    "a script with marks": ("Time [s];CAN-ID;Data\n", "{k}.5;0x1F4;0x{marks}\n"),
+    "a script with columns": (
+        "time,ID,Length," + ",".join(f"Byte {b}" for b in range(8)) + "\n",
+        "{k}.5,1F4,8,{bytes}\n",
+    ),
+    "a script with bytes alone": ("time,id," + ",".join(f"B{b}" for b in range(8)) + "\n", "{k}.5,1F4,{bytes}\n"),
+    "a script with decimal identifiers": ("time,ID [dec],DLC,Data\n", "{k}.5,500,8,{data}\n"),
+    "a script beside python-can": ("timestamp,arbitration_id,dlc,data\n", "{k}.5,0x1f4,8,{data}\n"),
     "asammdf": (
         "timestamps,"
         + ",".join(
@@ -213,7 +223,12 @@ def test_logs_in_csv_are_decoded(tmp_path, database, maker):
     for k in range(3):
         data = engine(1000 + k, 80)
         forms = {"data": data.hex(), "bytes": ",".join(f"{byte:02X}" for byte in data)}
-        forms |= {"numbers": ",".join(map(str, data)), "blanks": " ".join(map(str, data)), "pairs": data.hex(" ")}
+        forms |= {
+            "numbers": ",".join(map(str, data)),
+            "blanks": " ".join(map(str, data)),
+            "pairs": data.hex(" "),
+            "marks": data.hex("-"),
+        }
         text += row.format(k=k, base64=base64.b64encode(data).decode(), **forms)
     path.write_text(text)
     data = read(path, dbc=database)
@@ -223,6 +238,19 @@ def test_logs_in_csv_are_decoded(tmp_path, database, maker):
         read(path)
     path.write_text(text + re.sub("1F4|1f4|,500,|;500;", ",XYZ,", text.splitlines()[1]) + "\n")
     assert "1 row cannot be read as a frame, the first in line 5" in read(path, dbc=database).findings[0].message
+
+
+@pytest.mark.parametrize("head", ["Vehicle ID,Length,Payload", "time,id,value", "time,B0,B1,B2,id", "time,ID,Length,x"])
+def test_other_tables_are_measurements(head):
+    assert can_csv_separator(head) == ""
+
+
+def test_databases_that_do_not_matter_are_reported(tmp_path, database):
+    path = tmp_path / "drive.csv"
+    path.write_text("time,Speed\n0,1\n1,2\n")
+    data = read(path, dbc=database)
+    assert data["Speed"].values.tolist() == [1, 2]
+    assert "is not a log of bus frames but a CSV file, so no database decodes it" in data.findings[0].message
 
 
 @pytest.mark.filterwarnings("ignore:The inplace keyword")  # asammdf calls pandas so

@@ -45,7 +45,7 @@ def test_every_missing_value_keeps_its_bits():
 
 def test_pieces_come_back():
     data = Dataset("a", (Channel("x", [1.0, 2, 3]),), np.array([0.0, 1.0, 0.5]), np.array([0, 2]))
-    assert from_parquet(to_parquet(data), "a").starts.tolist() == [0, 2]
+    assert from_parquet(to_parquet(data), "a").piece_starts.tolist() == [0, 2]
 
 
 def test_values_can_not_be_changed():

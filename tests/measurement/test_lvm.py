@@ -88,7 +88,7 @@ def test_segments_follow_each_other(lvm):
     path = lvm(segment(names, *ROWS), segment(names, "0.3 1 2", "0.4 3 4"))
     assert read(path).time.tolist() == [0, 0.1, 0.2, 0.3, 0.4]
     path = lvm(segment(names, *ROWS), segment(names, *ROWS))
-    assert read(path).starts.tolist() == [0, 3]
+    assert read(path).piece_starts.tolist() == [0, 3]
     assert describe(path).tables[0].details["pieces"] == "2, since its time restarts"
 
 

@@ -268,6 +268,19 @@ def test_any_vectors_come_back_as_they_were(mat, channels):
     assert values_by_channel(read(path)) == channels
 
 
+@pytest.mark.parametrize(
+    ("numbers", "message"),
+    [
+        (1_767_225_600_000 + 100.0 * np.arange(4), "milliseconds since 1970"),
+        (739_000 + np.arange(4) / 864_000, "datenum"),
+    ],
+)
+def test_a_time_that_counts_from_a_distant_date_is_read_in_its_unit(mat, numbers, message):
+    data = read(mat(time=numbers, a=np.arange(4.0)))
+    np.testing.assert_allclose(np.diff(data.time), 0.1, atol=3e-5)
+    assert message in data.findings[0].message
+
+
 def test_real_files_of_simulink_users_are_read(real):
     assert list(read(real("simulink/TargetData_StepStart.mat"))) == ["Pressure", "Flow"]
     assert read(real("simulink/BreathData.mat")).samples == 1002

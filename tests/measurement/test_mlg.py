@@ -134,7 +134,7 @@ def test_first_records_without_a_time_stamp_are_left_out_with_a_remark(log, firs
     path = log(mlg(fields, rows(fields, *values)))
     data = read(path)
     assert data["RPM"].values.tolist() == [800 + k for k in range(40)]
-    assert data.starts.tolist() == [0]
+    assert data.piece_starts.tolist() == [0]
     remark = data.findings[-1]
     assert remark.severity == "remark"
     assert str(remark).startswith(f"run.mlg record 1: {len(first)} record")
@@ -153,7 +153,7 @@ def test_records_without_a_time_stamp_in_between_are_left_out(log):
 def test_a_restart_after_more_than_one_record_is_a_piece(log):
     fields = [TIME, RPM]
     data = read(log(mlg(fields, rows(fields, (5.0, 1), (5.1, 2), (0.0, 3), (0.1, 4)))))
-    assert data.starts.tolist() == [0, 2]
+    assert data.piece_starts.tolist() == [0, 2]
     assert data.findings == ()
 
 
@@ -189,11 +189,11 @@ def test_time_that_starts_anew_begins_a_piece(log):
     fields = [TIME, RPM]
     path = log(mlg(fields, rows(fields, (5.0, 0), (6.0, 10), (0.0, 3), (1.0, 4), (2.0, 5))))
     data = read(path)
-    assert data.starts.tolist() == [0, 2]
+    assert data.piece_starts.tolist() == [0, 2]
     assert data.time.tolist() == [5, 6, 0, 1, 2]
     assert details(path)["pieces"] == "2, since its time restarts"
     even = read(path, ["RPM"], raster=0.5)
-    assert even.starts.tolist() == [0, 3]
+    assert even.piece_starts.tolist() == [0, 3]
     assert even["RPM"].values.tolist() == [0, 5, 10, 3, 3.5, 4, 4.5, 5]
 
 

@@ -67,10 +67,10 @@ def test_markers_in_a_table_without_information_are_reported_too(log):
 def test_a_restart_begins_a_piece_and_its_second_header_is_not_a_row(log):
     path = log(HEAD + NAMES + UNITS + ROWS + HEAD + NAMES + UNITS + ROWS)
     data = read(path)
-    assert data.starts.tolist() == [0, 3]
+    assert data.piece_starts.tolist() == [0, 3]
     assert data["RPM"].values.tolist() == [900, 910, 905] * 2
     assert describe(path).tables[0].details["pieces"] == "2, since its time restarts"
-    assert read(path, raster=0.05).starts.tolist() == [0, 3]
+    assert read(path, raster=0.05).piece_starts.tolist() == [0, 3]
 
 
 def test_time_that_falls_in_another_table_stays_a_finding(log):

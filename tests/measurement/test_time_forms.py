@@ -32,6 +32,66 @@ def test_other_numbers_are_seconds(csv, cells):
     assert read(csv(log("timestamp", cells))).time.tolist() == [float(cell) for cell in cells]
 
 
+DISTANT = {
+    "ticks of 100 ns since the year 1": [639_000_000_000_000_000 + k * 1_000_000 for k in range(4)],
+    "ticks of 100 ns since 1601": [134_000_000_000_000_000 + k * 1_000_000 for k in range(4)],
+    "days since 1900": [f"{46_022.5 + k * 0.1 / 86_400:.10f}" for k in range(4)],
+    "days of MATLAB (datenum)": [f"{739_000.5 + k * 0.1 / 86_400:.10f}" for k in range(4)],
+}
+
+
+@pytest.mark.parametrize("name", DISTANT)
+def test_days_and_ticks_are_read_in_their_unit(csv, name):
+    data = read(csv(log("Time", DISTANT[name])))
+    np.testing.assert_allclose(np.diff(data.time), 0.1, atol=3e-5)
+    assert f"the numbers are {name}" in data.findings[0].message
+
+
+@pytest.mark.parametrize("step", [1e-3, 1e-4, 1e-5, 1.0, 100.0])
+def test_seconds_of_a_day_are_not_days(csv, step):
+    data = read(csv(log("Time", [f"{46_022 + k * step:.6f}" for k in range(50)])))
+    np.testing.assert_allclose(np.diff(data.time), step, rtol=1e-5)
+    assert not data.findings
+
+
+def test_seconds_that_look_like_milliseconds_since_1970_are_doubted(csv):
+    data = read(csv(log("Time [s]", [EPOCH * 1000 + 100 * k for k in range(3)])))
+    assert np.diff(data.time).tolist() == [100, 100]
+    assert "in s as stated, but its numbers look like milliseconds since 1970" in data.findings[0].message
+    assert severities(data) == ["warning"]
+
+
+@pytest.mark.parametrize("head", ["t/ms", "Time, ms", "Time in ms", "Zeit / ms", "Time (milliseconds)", "Zeit [msec.]"])
+def test_a_unit_behind_the_name_of_time_is_read(csv, head):
+    assert read(csv(log(head, [0, 100, 200]).replace(",rpm", ";rpm").replace("0,8", "0;8"))).time.tolist() == [
+        0,
+        0.1,
+        0.2,
+    ]
+
+
+@pytest.mark.parametrize(
+    ("head", "cells", "reason"),
+    [
+        ("Time [10ms]", [0, 1, 2], "'10ms' is not a unit of time"),
+        ("Time (foo)", [0, 1, 2], "its unit cannot be read from its name"),
+        ("Time", [5, 5, 5], "the time does not advance"),
+        ("Time", ["00:00:60", "00:01:00"], "the time does not advance"),
+    ],
+)
+def test_numbers_that_are_not_read_as_the_time_are_reported(csv, head, cells, reason):
+    data = read(csv(log(head, cells)))
+    assert data.time is None
+    assert f"{reason}, so the samples are steady-state points" in data.findings[0].message
+    assert severities(data) == ["warning"]
+
+
+def test_times_that_are_quantities_cause_no_warning(csv):
+    data = read(csv("load,Injection time [ms],t [degC]\n1,2,20\n2,3,30\n3,4,40\n"))
+    assert data.time is None
+    assert not data.findings
+
+
 def test_a_stated_unit_counts_more_than_the_size_of_the_numbers(csv):
     path = csv(log("timestamp", [EPOCH * 1000, EPOCH * 1000 + 1]))
     data = read(path, units={"timestamp": "us"})
@@ -56,6 +116,8 @@ def test_stamps_of_pandas_are_read(tmp_path):
         frame = pandas.DataFrame({"rpm": [800, 801, 802, 803]}, index=form)
         frame.to_csv(tmp_path / "x.csv")
         np.testing.assert_allclose(read(tmp_path / "x.csv").time, [0, 0.1, 0.2, 0.3])
+        frame.to_parquet(tmp_path / "x.parquet")
+        np.testing.assert_allclose(read(tmp_path / "x.parquet").time, [0, 0.1, 0.2, 0.3])
 
 
 FORMS = {
@@ -187,3 +249,44 @@ def test_slow_stamps_since_1970_stay_as_they_are(csv):
     data = read(csv(log("timestamp", [f"{EPOCH + 0.001 * k:.3f}" for k in range(9)])))
     assert data.time[0] == EPOCH
     assert not data.findings
+
+
+def test_times_of_a_spreadsheet_go_on_after_24_hours(tmp_path):
+    import xlsxwriter
+
+    with xlsxwriter.Workbook(tmp_path / "x.xlsx") as book:
+        sheet, form = book.add_worksheet(), book.add_format({"num_format": "mm:ss.0"})
+        sheet.write_row(0, 0, ["Time", "rpm"])
+        for k, seconds in enumerate([86_399.5, 86_400.5, 86_401.5, 3 * 86_400.0]):
+            sheet.write_number(k + 1, 0, seconds / 86_400, form)
+            sheet.write_number(k + 1, 1, 800 + k)
+    data = read(tmp_path / "x.xlsx")
+    np.testing.assert_allclose(data.time, [0, 1, 2, 172_800.5], atol=1e-3)
+    assert data.start_time is None
+
+
+def test_times_of_day_of_a_spreadsheet_continue_across_midnight(tmp_path):
+    import xlsxwriter
+
+    with xlsxwriter.Workbook(tmp_path / "x.xlsx") as book:
+        sheet, form = book.add_worksheet(), book.add_format({"num_format": "hh:mm:ss"})
+        sheet.write_row(0, 0, ["Time", "rpm"])
+        for k, seconds in enumerate([86_398, 86_399, 0, 1]):
+            sheet.write_number(k + 1, 0, seconds / 86_400, form)
+            sheet.write_number(k + 1, 1, 800 + k)
+    np.testing.assert_allclose(read(tmp_path / "x.xlsx").time, [0, 1, 2, 3], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("rows", "seconds"),
+    [
+        (["01.02.2026;23:00:00", "03.02.2026;01:00:00", "03.02.2026;01:00:01"], [0, 93_600, 93_601]),
+        (["01.02.2026;10:00:00", "02.02.2026;11:00:00"], [0, 90_000]),
+        (["01.02.2026;23:59:59", "02.02.2026;00:00:00"], [0, 1]),
+        (["01.02.2026;23:59:59", "01.02.2026;00:00:00"], [0, 1]),
+    ],
+)
+def test_a_date_of_its_own_places_the_time_of_day(csv, rows, seconds):
+    text = "Date;Time;rpm\n" + "".join(f"{row};{800 + k}\n" for k, row in enumerate(rows))
+    assert read(csv(text)).time.tolist() == seconds
+    assert read(csv(text), ["rpm"]).time.tolist() == seconds

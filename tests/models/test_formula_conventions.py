@@ -78,5 +78,5 @@ def test_parameters_are_rounded_and_divided_alike():
 def test_the_first_step_of_a_piece_is_as_long_as_the_next_and_that_of_a_single_sample_the_median(
     time, starts, expected
 ):
-    data = kf.Dataset.of("d", {"u": np.zeros(len(time))}, time=time, starts=starts)
+    data = kf.Dataset.of("d", {"u": np.zeros(len(time))}, time=time, piece_starts=starts)
     assert kf.simulate("y = dt + u", data, {})["y"].values.tolist() == expected

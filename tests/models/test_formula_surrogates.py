@@ -121,7 +121,7 @@ def test_the_step_of_the_data_must_be_its_own():
         kf.simulate(model, kf.Dataset.of("d", columns, time=0.1 * np.arange(20)), {})
     with pytest.raises(InputError, match="engine runs in time, but dataset d has no time stamps"):
         kf.simulate(model, kf.Dataset.of("d", columns), {})
-    pieces = kf.Dataset.of("d", columns, time=[0.02 * k + (k >= 10) for k in range(20)], starts=[0, 10])
+    pieces = kf.Dataset.of("d", columns, time=[0.02 * k + (k >= 10) for k in range(20)], piece_starts=[0, 10])
     assert kf.simulate(model, pieces, {})["n"].values.size == 20
 
 

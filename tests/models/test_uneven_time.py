@@ -142,7 +142,7 @@ def test_the_sum_of_a_constant_is_the_time(time):
 
 def test_each_piece_is_integrated_from_its_own_begin():
     first, second = TIMES["alternating"][:31], TIMES["random"][:25]
-    data = kf.Dataset.of("d", {"u": U[:56]}, time=np.concatenate([first, second]), starts=[0, 31])
+    data = kf.Dataset.of("d", {"u": U[:56]}, time=np.concatenate([first, second]), piece_starts=[0, 31])
     y = kf.simulate("y = integrator(u, 0.5)", data, {})["y"].values
     np.testing.assert_allclose(y[:31], euler(first, lambda k, x: U[k], 0.5), rtol=1e-12)
     np.testing.assert_allclose(y[31:], euler(second, lambda k, x: U[31 + k], 0.5), rtol=1e-12)

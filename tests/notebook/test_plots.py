@@ -13,7 +13,7 @@ pytestmark = pytest.mark.skipif(find_spec("matplotlib") is None, reason="matplot
 @pytest.fixture(scope="module")
 def result():
     x = np.linspace(0, 5, 60)
-    data = kf.Dataset.of("drive", {"x": x, "u": x % 1, "z": x**2}, units={"z": "Nm"}, time=x, starts=[0, 30])
+    data = kf.Dataset.of("drive", {"x": x, "u": x % 1, "z": x**2}, units={"z": "Nm"}, time=x, piece_starts=[0, 30])
     start = kf.ParameterSet(
         [kf.Curve("C", range(6), [1.0] * 6), kf.Map("M", [0, 5], [0, 1], np.zeros((2, 2))), kf.Scalar("k", 1.0)]
     )

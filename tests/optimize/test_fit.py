@@ -276,7 +276,7 @@ def test_the_exhaust_model_recovers_its_values_from_data_without_noise():
 def test_every_piece_of_a_recording_starts_its_states_anew():
     columns, time = recording(300)
     truth = exhaust(np.add.outer(GRID, GRID), [2.0, 1.0, 0.4])
-    whole = kf.Dataset.of("d", columns, time=time, starts=[0, 100, 120])
+    whole = kf.Dataset.of("d", columns, time=time, piece_starts=[0, 100, 120])
     measured = kf.simulate(EXHAUST, whole, truth)
     pieces = [slice(0, 100), slice(100, 120), slice(120, 300)]
     for piece in pieces:

@@ -24,7 +24,7 @@ def dataset(*recordings, **attributes):
     columns = {name: np.concatenate([one[name] for one in recordings]) for name in recordings[0]}
     time = np.tile(STEP * np.arange(SAMPLES), len(recordings))
     starts = SAMPLES * np.arange(len(recordings))
-    return kf.Dataset.of("drives", columns, time=time, starts=starts, **attributes)
+    return kf.Dataset.of("drives", columns, time=time, piece_starts=starts, **attributes)
 
 
 def test_an_initial_state_is_fitted_like_any_other_value():

@@ -84,7 +84,7 @@ def test_datasets_with_memory_in_several_pieces_have_the_cost_of_the_interpreter
         channels["u"][[20, 21, 90]] = np.nan
         steps = random.uniform(0.05, 0.2, 200) if uneven else np.full(200, 0.1)
         data.append(
-            kf.Dataset.of(f"d{i}", channels, time=np.cumsum(steps), starts=[0, 55], weight=1.0 + i, max_gap=0.25)
+            kf.Dataset.of(f"d{i}", channels, time=np.cumsum(steps), piece_starts=[0, 55], weight=1.0 + i, max_gap=0.25)
         )
     posed = problem(*data, text=LAG, node="lag")
     assert cost(posed) == pytest.approx(reference(posed), rel=1e-11)

@@ -24,7 +24,7 @@ def graph():
 def dataset(lengths, *, step=None):
     """Return a dataset of files of these lengths, whose times begin at 100 s times their number."""
     time = None if step is None else np.concatenate([100.0 * i + step * np.arange(n) for i, n in enumerate(lengths)])
-    starts = None if step is None else {"starts": np.cumsum([0, *lengths[:-1]])}
+    starts = None if step is None else {"piece_starts": np.cumsum([0, *lengths[:-1]])}
     files = FileSpans.joined([f"{i}.csv" for i in range(len(lengths))], lengths)
     return Dataset.of("drives", {"x": np.zeros(sum(lengths))}, time=time, files=files, **(starts or {}))
 
@@ -132,7 +132,7 @@ def test_errors_that_are_not_finite_are_the_worst_and_become_null():
 
 def test_recordings_whose_time_starts_again_are_numbered_by_sample():
     time = np.concatenate([np.arange(50.0), np.arange(50.0)])
-    data = Dataset.of("d", {"x": np.ones(100), "m": np.arange(100.0)}, time=time, starts=[0, 50])
+    data = Dataset.of("d", {"x": np.ones(100), "m": np.arange(100.0)}, time=time, piece_starts=[0, 50])
     (row,) = kf.calibrate("y = a * x", data, {"a": 1.0}, "m").recordings
     assert row.file is None
     assert row.worst.unit == "samples"

@@ -56,7 +56,7 @@ def test_scores_do_not_depend_on_the_length_of_blocks(text, monkeypatch):
     random = np.random.default_rng(0)
     data = {name: random.uniform(1.0, 2.0, 100) for name in "xy"}
     data["x"][[30, 61]] = data["y"][::9] = np.nan
-    dataset = kf.Dataset.of("d", data, time=0.1 * np.arange(100), starts=[0, 10, 13, 60])
+    dataset = kf.Dataset.of("d", data, time=0.1 * np.arange(100), piece_starts=[0, 10, 13, 60])
 
     def score():
         return kf.calibrate(text, dataset, {"k": 1.0}, "y", options=kf.Options(max_iterations=1)).quality[0]

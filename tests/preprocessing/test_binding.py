@@ -60,7 +60,7 @@ def test_gaps_at_the_ends_are_never_interpolated():
 
 
 def test_gaps_are_not_bridged_from_one_piece_to_the_next():
-    data = Dataset.of("d", columns([0, 1, NAN, NAN, 4, 5]), time=np.arange(6.0), starts=[0, 3], max_gap=9.0)
+    data = Dataset.of("d", columns([0, 1, NAN, NAN, 4, 5]), time=np.arange(6.0), piece_starts=[0, 3], max_gap=9.0)
     bound = bind_inputs(data, LAG, {})
     assert (bound.kept.tolist(), bound.starts.tolist()) == ([0, 1, 4, 5], [0, 2])
 
@@ -79,14 +79,14 @@ def test_the_first_step_is_as_long_as_the_second():
 
 def test_time_starts_again_in_every_piece():
     time = [0.0, 1.0, 3.0, 0.0, 0.25, 0.75]
-    bound = bind_inputs(Dataset.of("d", columns(np.zeros(6)), time=time, starts=[0, 3]), TIMED, {})
+    bound = bind_inputs(Dataset.of("d", columns(np.zeros(6)), time=time, piece_starts=[0, 3]), TIMED, {})
     assert bound.columns["dt"].tolist() == [1.0, 1.0, 2.0, 0.25, 0.25, 0.5]
     assert bound.columns["t"].tolist() == [0.0, 1.0, 3.0, 0.0, 0.25, 0.75]
 
 
 def test_the_next_step_leads_to_the_next_sample_of_the_piece():
     time = [0.0, 1.0, 3.0, 0.0, 0.25, 0.75, 5.0]
-    data = Dataset.of("d", columns(np.zeros(7)), time=time, starts=[0, 3, 6])
+    data = Dataset.of("d", columns(np.zeros(7)), time=time, piece_starts=[0, 3, 6])
     bound = bind_inputs(data, formula("y = u + v + dt + dt_next").graph, {})
     assert bound.columns["dt_next"].tolist() == [1.0, 2.0, 2.0, 0.25, 0.5, 0.5, 0.75]
     assert bound.columns["dt"].tolist() == [1.0, 1.0, 2.0, 0.25, 0.25, 0.5, 0.75]
@@ -116,7 +116,7 @@ def test_a_step_that_is_even_but_for_rounding_is_one_number():
 
 @pytest.mark.parametrize("time", [[0.0, 0.0], [5.0, 1.0], [0.0, 100.0]])
 def test_the_step_of_pieces_of_one_sample_is_positive(time):
-    bound = bind_inputs(Dataset.of("d", columns(np.zeros(2)), time=time, starts=[0, 1]), TIMED, {})
+    bound = bind_inputs(Dataset.of("d", columns(np.zeros(2)), time=time, piece_starts=[0, 1]), TIMED, {})
     assert np.all(bound.columns["dt"] > 0)
 
 
@@ -198,7 +198,7 @@ def test_uneven_steps_are_not_pauses():
 
 def test_the_time_between_two_recordings_is_not_a_step():
     time = np.concatenate([np.arange(5) / 10, 500 + np.arange(5) / 10])
-    bound = bind_inputs(Dataset.of("d", columns(range(10)), time=time, starts=[0, 5], max_gap=1000.0), TIMED, {})
+    bound = bind_inputs(Dataset.of("d", columns(range(10)), time=time, piece_starts=[0, 5], max_gap=1000.0), TIMED, {})
     assert bound.starts.tolist() == [0, 5]
 
 

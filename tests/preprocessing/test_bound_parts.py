@@ -22,7 +22,7 @@ def small_blocks(monkeypatch):
 
 def recording(**attributes):
     time = 0.1 * np.arange(3000)
-    return Dataset.of("d", RECORDED, time=time, starts=STARTS, scored=np.arange(3000) % 3 > 0, **attributes)
+    return Dataset.of("d", RECORDED, time=time, piece_starts=STARTS, scored=np.arange(3000) % 3 > 0, **attributes)
 
 
 def with_gaps():

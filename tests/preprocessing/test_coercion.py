@@ -115,10 +115,10 @@ def test_the_deviations_are_the_same_whatever_holds_the_columns(way, wrapped):
 def test_a_recording_of_several_pieces_comes_back_from_a_frame():
     pytest.importorskip("pandas")
     columns = {"u": STEP, "z": RESPONSE}
-    data = kf.Dataset.of("drive", columns, time=np.tile(TIME[:20], 2), starts=[0, 20], units={"u": "V"})
+    data = kf.Dataset.of("drive", columns, time=np.tile(TIME[:20], 2), piece_starts=[0, 20], units={"u": "V"})
     for frame_ in (data.to_frame(), data.to_frame().reset_index()):
         back = kf.Dataset.of("back", frame_)
-        assert back.starts.tolist() == [0, 20]
+        assert back.piece_starts.tolist() == [0, 20]
         np.testing.assert_array_equal(back.time, data.time)
         assert back["u"].unit == "V"
         np.testing.assert_array_equal(

@@ -28,10 +28,10 @@ def join(*recordings):
 
 
 def test_each_recording_is_a_piece():
-    parts = [recording(3, "n", "T"), recording(5, "n", "T", starts=np.array([0, 2])), recording(2, "n", "T")]
+    parts = [recording(3, "n", "T"), recording(5, "n", "T", piece_starts=np.array([0, 2])), recording(2, "n", "T")]
     data = join(*parts).dataset()
     assert (data.name, data.warmup, data.weight) == ("fleet", 2.0, 3.0)
-    assert data.starts.tolist() == [0, 3, 5, 8]
+    assert data.piece_starts.tolist() == [0, 3, 5, 8]
     for name in ("n", "T"):
         np.testing.assert_array_equal(data[name].values, np.concatenate([part[name].values for part in parts]))
     np.testing.assert_array_equal(data.time, np.concatenate([part.time for part in parts]))

@@ -11,7 +11,7 @@ from tests.importers.simulink.simulink_files import Model
 
 
 def recording(time, starts=(0,), **columns):
-    return Dataset.of("d", columns, time=np.asarray(time, dtype=float), starts=np.asarray(starts))
+    return Dataset.of("d", columns, time=np.asarray(time, dtype=float), piece_starts=np.asarray(starts))
 
 
 def test_a_finer_step_interpolates_inputs_and_scores_the_data_alone():
@@ -26,7 +26,7 @@ def test_a_finer_step_keeps_pieces_apart():
     data = refine_step(
         recording([0, 1, 0, 1, 2], starts=[0, 2], u=[0.5, 1.5, 9.5, 8.5, 7.5]), 0.5, {"u"}, Location("here")
     )
-    assert data.starts.tolist() == [0, 3]
+    assert data.piece_starts.tolist() == [0, 3]
     np.testing.assert_allclose(data["u"].values, [0.5, 1.0, 1.5, 9.5, 9.0, 8.5, 8.0, 7.5])
     np.testing.assert_allclose(data.time, [0, 0.5, 1, 0, 0.5, 1, 1.5, 2])
 
@@ -132,5 +132,5 @@ def test_simulated_pieces_stay_apart_on_a_finer_step():
     with pytest.warns(kf.InputWarning, match=r"1 of 5 samples is not simulated: u has no value at sample 4 \(1 s\)"):
         simulation = kf.simulate("step 0.5\ny = prev(y, 0) + u", data, {})
     assert simulation.time.tolist() == [0, 1, 0, 2]
-    assert simulation.starts.tolist() == [0, 2, 3]
+    assert simulation.piece_starts.tolist() == [0, 2, 3]
     assert simulation["y"].values.tolist() == [1, 3, 1, 1]

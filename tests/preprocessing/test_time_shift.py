@@ -9,7 +9,7 @@ from tests.draws import few_or_many
 
 
 def recording(time, starts=(0,), **columns):
-    return Dataset.of("d", columns, time=np.asarray(time, dtype=float), starts=np.asarray(starts))
+    return Dataset.of("d", columns, time=np.asarray(time, dtype=float), piece_starts=np.asarray(starts))
 
 
 def test_a_positive_shift_delays_a_channel():
@@ -56,7 +56,7 @@ def test_a_range_of_samples_is_shifted_like_the_whole(lengths, by, timed, steppe
     values = random.integers(0, 3, total).astype(float) if stepped else random.normal(size=total)
     values[random.random(total) < 0.1] = np.nan
     time = np.concatenate([0.3 * np.arange(length) for length in lengths])
-    data = Dataset.of("d", {"u": values}, time=time if timed else None, starts=starts)
+    data = Dataset.of("d", {"u": values}, time=time if timed else None, piece_starts=starts)
     whole = shift_channels(data, {"u": by})["u"].values
     first, last = sorted(random.integers(0, total + 1, 2))
     part = shifted_values(data, {"u": by}, first, last).get("u", values[first:last])
@@ -66,7 +66,7 @@ def test_a_range_of_samples_is_shifted_like_the_whole(lengths, by, timed, steppe
 @few_or_many(recordings, st.integers(0, 10), st.integers(0, 2**31), few=20, many=100)
 def test_ends_of_pieces_are_those_of_the_whole(lengths, margin, seed):
     total, starts = sum(lengths), np.cumsum([0, *lengths[:-1]])
-    data = Dataset.of("d", {"u": np.zeros(total)}, starts=starts)
+    data = Dataset.of("d", {"u": np.zeros(total)}, piece_starts=starts)
     whole = inside_pieces(data, margin, 0, total)
     for start, length in zip(starts, lengths, strict=True):
         excluded = min(margin, length // 4)

@@ -52,6 +52,17 @@ def write_bench(folder, planted="drag", more="", timed=False, files=3, samples=1
     return path
 
 
+def plant_map(folder, files=3):
+    """Let speed and oil act together on what the recordings measure, so that no curve explains it."""
+    for number in range(files):
+        file = folder / f"run_{number}.csv"
+        head, *rows = [row.split(",") for row in file.read_text(encoding="utf-8").splitlines()]
+        speed, oil, m = (head.index(name) for name in ("speed", "oil", "m"))
+        for row in rows:
+            row[m] = f"{float(row[m]) - (float(row[speed]) - 0.5) * (float(row[oil]) - 0.5):.5f}"
+        file.write_text("\n".join(map(",".join, [head, *rows])) + "\n", encoding="utf-8")
+
+
 def test_a_channel_that_the_project_does_not_read_is_proposed(tmp_path):
     path = write_bench(tmp_path)
     proposals = Project.read(path).propose(kinds=["add"])
@@ -77,6 +88,24 @@ def test_a_proposal_is_written_into_both_files_and_taken_back(tmp_path):
     assert rmse[0] == pytest.approx(proposal.rmse.after, rel=1e-3)
     assert undo(changed) == (proposal.change, (tmp_path / "f.kf", path))
     assert [(tmp_path / name).read_bytes() for name in ("f.kf", "kennfeld.toml")] == before
+
+
+def test_a_map_is_written_with_both_axes_and_without_what_the_function_has_already(tmp_path):
+    path = write_bench(tmp_path, planted="")
+    plant_map(tmp_path)
+    project = Project.read(path)
+    proposal = project.propose(kinds=["map"], nodes=["drag"], channels=["speed", "oil"])[0]
+    assert proposal.change == "Add a map of speed and oil to drag"
+    project.apply(proposal)
+    text = (tmp_path / "f.kf").read_text(encoding="utf-8")
+    assert "drag[Nm] = CurveDrag(speed) + AddDragSpeedOil(speed, oil)  # motored" in text
+    table = path.read_text(encoding="utf-8").split("[parameters.AddDragSpeedOil]")[1]
+    x, y = proposal.term.breakpoints[3], proposal.term.second_breakpoints[3]
+    # the map of the base can take over a constant
+    assert f"lock = [{{ x = [{x}, {x}], y = [{y}, {y}] }}]" in table
+    result = Project.read(path).calibrate()
+    assert result.quality[0].rmse_after == pytest.approx(proposal.rmse.after, rel=1e-3)
+    assert result.quality[0].rmse_after < 0.03
 
 
 def test_an_offset_of_each_recording_is_written_with_a_reference(tmp_path):

@@ -24,7 +24,7 @@ def test_each_matching_file_is_a_piece_in_the_order_of_its_name(shop):
     for name, speed in (("run_2", [2000, 2500]), ("run_1", [1000, 1100, 1500]), ("run_3", [3000])):
         shop.bench(f"{name}.csv", speed)
     data = dataset(shop.change('"bench.csv"', '"run_*.csv"'))
-    assert (data.name, data.starts.tolist()) == ("run", [0, 3, 5])
+    assert (data.name, data.piece_starts.tolist()) == ("run", [0, 3, 5])
     assert data["n"].values.tolist() == [1000, 1100, 1500, 2000, 2500, 3000]
 
 

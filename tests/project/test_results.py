@@ -37,7 +37,9 @@ class Line:
 
     def simulation(self, parameters=None, shifts=None):
         steady = Dataset.of("bench", {"y": [1.0, 2.0], "Torque": [1.5, np.nan]}, units={"y": "Nm"})
-        moving = Dataset.of("drive", {"y": [3.0, 4.0, 5.0]}, time=np.array([0.0, 0.1, 0.0]), starts=np.array([0, 2]))
+        moving = Dataset.of(
+            "drive", {"y": [3.0, 4.0, 5.0]}, time=np.array([0.0, 0.1, 0.0]), piece_starts=np.array([0, 2])
+        )
         return SimulatedDatasets(steady, moving)
 
 

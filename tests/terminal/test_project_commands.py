@@ -69,6 +69,14 @@ def test_by_file_of_a_simulation_has_the_errors_of_its_values(project, capsys):
     assert not any("RMSE before" in line for line in lines)
 
 
+def test_a_table_that_values_lack_is_named_before_the_simulation(project, capsys):
+    values = project.with_name("values.dcm")
+    blocks = "FESTWERT a\n WERT 2\nEND\nKENNLINIE C 2\n ST/X 1 1\n WERT 5 6\nEND\n"
+    values.write_text(f"KONSERVIERUNG_FORMAT 2.0\n{blocks}", encoding="utf-8")
+    assert cli.run(["simulate", str(project), "-p", str(values)]) == 0
+    assert "values.dcm line 6 (C): the x axis neither rises nor falls" in capsys.readouterr().err
+
+
 def test_recordings_are_in_the_result(project):
     assert cli.run(["calibrate", str(project)]) == 0
     rows = json.loads((project.parent / "results" / "result.json").read_text(encoding="utf-8"))["recordings"]

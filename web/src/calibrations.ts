@@ -63,7 +63,8 @@ const loadContents = newest(async (given: AskedContents) => {
   opened.value = reply === null ? null : reply.head;
 });
 
-const active = computed(() => screen.value === "files" && settled.value.project !== null);
+const hasProject = computed(() => settled.value.project !== null);
+const active = computed(() => screen.value === "files" && hasProject.value);
 const key = computed(() => `${settled.value.revision} ${settled.value.runs.length} ${changed.value}`);
 /** Changes with the files of the folder, not with every edit of a value. */
 const listing = computed(
@@ -73,7 +74,7 @@ const listing = computed(
 
 effect(() => {
   const listed = active.value || screen.value === "results" || screen.value === "parameters";
-  if (listed && settled.value.project !== null) loadFolder(listing.value);
+  if (listed && hasProject.value) loadFolder(listing.value);
 });
 effect(() => {
   if (!active.value || !key.value) return;

@@ -11,6 +11,7 @@ import { message, request, screen, settled } from "./store";
 export type Method = "nearest" | "joint";
 export type Precision = "double" | "float";
 type Language = UnitCommand["languages"][number];
+type Platform = NonNullable<UnitCommand["platforms"]>[number];
 
 export const unit = scoped<ControlUnit | null>(null);
 /** The set that is written: "now", "start" or the number of a run. */
@@ -135,6 +136,7 @@ export const languages = scoped<ReadonlySet<Language>>(new Set<Language>(["c"]))
 const pickedFormats = scoped<ReadonlySet<string> | null>(null);
 export const formats = computed(() => pickedFormats.value ?? new Set(unit.value?.own ?? []));
 export const fmi = scoped<2 | 3>(2);
+export const platforms = scoped<Platform[]>([]); // for which the FMU has a library beside that of this computer
 export const inputs = scoped<"start" | "end">("end");
 export const step = scoped<number | null>(null);
 export const folder = scoped("");
@@ -168,6 +170,7 @@ export async function writeFiles(force: boolean): Promise<void> {
     precision: precision.value,
     name: name.value,
     fmi: fmi.value,
+    platforms: platforms.value,
     inputs: inputs.value,
     step: step.value,
     folder: folder.value || unit.value!.folder,

@@ -226,7 +226,7 @@ export function Rail() {
       ))}
       <hr />
       <StepButton step={{ screen: "plots", key: 6, title: "Plots", detail: () => "" }} />
-      <StepButton step={{ screen: "files", key: 7, title: "Files", detail: () => "compare, merge, convert" }} />
+      <StepButton step={{ screen: "files", key: 7, title: "Files", detail: () => "compare, merge" }} />
       <hr />
       <StepButton
         step={{ screen: "missing", key: 8, title: "Missing terms", detail: searchDetail("terms", "looking") }}

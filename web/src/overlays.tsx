@@ -262,7 +262,7 @@ function Blocking() {
         {more > 0 && <span class="q"> and {more} more</span>}
       </span>
       <Fixes own={own} />
-      {screen.value !== "function" && screen.value !== "data" && <AddProposals />}
+      <AddProposals />
       <button class="btn small" id="show-blocking" onClick={() => showFinding(own)}>
         Show
       </button>

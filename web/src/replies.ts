@@ -1480,6 +1480,12 @@ export interface ControlUnit {
   count: number;
   /** The C compiler of this computer; empty if there is none. */
   compiler: string;
+  /** This machine, as FMI 3.0 names it. */
+  platform: string;
+  /** Other machines for which an FMU can have a library. */
+  platforms: ("x86_64-windows" | "x86_64-linux" | "aarch64-linux" | "x86_64-darwin" | "aarch64-darwin")[];
+  /** Why it cannot on this computer; empty if it can. */
+  cross: string;
   /** Endings of calibration files that can be written, those of the project first. */
   formats: string[];
   /** Those of the project. */
@@ -1636,6 +1642,8 @@ export interface UnitCommand {
   inputs?: "start" | "end";
   /** Of an FMU in s; null for that of the function or its data. */
   step?: number | null;
+  /** Machines for which an FMU has a library in addition to this one. */
+  platforms?: ("x86_64-windows" | "x86_64-linux" | "aarch64-linux" | "x86_64-darwin" | "aarch64-darwin")[];
   /** Of the project's folder. */
   folder?: string;
   /** Write what the function calculates over all data, as MDF. */
@@ -1830,7 +1838,7 @@ export interface TermChannel {
 
 /** A kind of terms, with the number of nodes at which it is tried; 0 if the data have no time, or few recordings. */
 export interface TermKind {
-  name: "add" | "multiply" | "lag" | "delay" | "offset";
+  name: "add" | "multiply" | "map" | "lag" | "delay" | "offset";
   places: number;
 }
 
@@ -1863,6 +1871,8 @@ export interface TermRow {
   node: string;
   kind: "add" | "multiply" | "lag" | "delay" | "offset";
   channel: string;
+  /** The second channel of a map. */
+  second: string;
   training: BeforeAfter;
   heldOut: BeforeAfter;
   /** What was held out. */
@@ -1918,9 +1928,14 @@ export interface ShownTerm {
   /** The channel, with its unit in `input_unit`. */
   input: string;
   inputUnit: string;
-  /** Breakpoints of a curve. */
+  /** The second channel of a map, with its unit in `second_unit`. */
+  second: string;
+  secondUnit: string;
+  /** Breakpoints of a curve, or of the first channel of a map. */
   points: number[];
-  /** Its values; the time constant of a lag. */
+  /** Those of the second channel. */
+  secondPoints: number[];
+  /** The values, of a map row by row, one for each of `points`; the time constant of a lag. */
   now: number[];
   /** Standard deviation of each; null if nothing determines one. */
   deviation: (number | null)[];
@@ -2350,7 +2365,7 @@ export interface DesignQuestion {
 export interface TermQuestion {
   channels?: string[] | null;
   nodes?: string[] | null;
-  kinds?: ("add" | "multiply" | "lag" | "delay" | "offset")[] | null;
+  kinds?: ("add" | "multiply" | "map" | "lag" | "delay" | "offset")[] | null;
   /** Effect that a proposal must explain on held-out data, in the unit of the target. */
   least?: number;
 }

@@ -146,13 +146,13 @@ def _hold_out_pieces(datasets: Sequence[Dataset], pieces: Sequence[tuple[int, sl
         at = int(np.argmin(sizes))
         held_out[at][i][piece] = True
         sizes[at] += piece.stop - piece.start
-        members[at].setdefault(i, []).append(list(datasets[i].starts).index(piece.start) + 1)
+        members[at].setdefault(i, []).append(list(datasets[i].piece_starts).index(piece.start) + 1)
     titles = [", ".join(_describe_pieces(datasets[i], own[i]) for i in sorted(own)) for own in members]
     return [Fold(title, masks, _masks(datasets)) for title, masks in zip(titles, held_out, strict=True)]
 
 
 def _describe_pieces(data: Dataset, numbers: Sequence[int]) -> str:
-    if data.files is not None and np.array_equal(data.files.starts, data.starts):  # each file is a piece
+    if data.files is not None and np.array_equal(data.files.starts, data.piece_starts):  # each file is a piece
         names = list(short_names(data.files.names).values())
         return join_names([names[number - 1] for number in sorted(numbers)], MAX_NAMES)
     if len(data.pieces) == 1:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from kennfeld.base.atomic_files import write_whole
-from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.base.errors import ArgumentError, Finding, InputError, Location, warn
 from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.formatting import nearest
 from kennfeld.base.garbage_collection import no_collection
@@ -72,17 +72,28 @@ def read(path: Source, a2l: str | Path | None = None) -> ParameterSet:
     Raises:
         InputError: The file cannot be read; with all findings.
 
+    Warns:
+        InputWarning: Part of the file was skipped, such as a table whose axis neither rises nor falls.
+
     >>> from kennfeld import read_parameters
     >>> values = read_parameters("start.dcm")
     >>> values["MapOptTorque"].values.shape, values["MapOptTorque"].unit
     ((19, 13), 'Nm')
     """
+    parameters, findings = read_with_findings(path, a2l)
+    warn(finding for finding in findings if finding.severity == "warning")
+    return parameters
+
+
+def read_with_findings(path: Source, a2l: str | Path | None = None) -> tuple[ParameterSet, tuple[Finding, ...]]:
+    """Read the parameters as `read` does; return the findings on what was skipped in place of warnings."""
     with local_file(path) as file:
-        parameters = _read_content(Path(file), a2l).parameters
+        content = _read_content(Path(file), a2l)
+    parameters = content.parameters
     # formats that keep the rest of a file state an origin of their own; a stream has none to return to
-    if not isinstance(path, str | Path):
-        return parameters
-    return parameters if parameters.origin is not None else parameters.from_origin(Path(path).absolute())
+    if isinstance(path, str | Path) and parameters.origin is None:
+        parameters = parameters.from_origin(Path(path).absolute())
+    return parameters, content.findings
 
 
 def read_several(

@@ -12,7 +12,7 @@ from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, L
 from kennfeld.base.formatting import count_noun, nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.design.bench_order import arrange
-from kennfeld.design.design_result import Design
+from kennfeld.design.design_result import Design, Watch
 from kennfeld.design.doubts import doubts
 from kennfeld.design.filling_design import fill_region, plan_manoeuvres
 from kennfeld.design.fitted_function import FittedFunction
@@ -168,9 +168,13 @@ def design_project(
     use: Sequence[str] = (),
     progress: Progress | None = None,
     settings: Mapping[str, Any] | None = None,
+    watch: Watch = lambda made: False,
 ) -> Design:
-    """Return the design of a project; see `design`. Warnings are among its findings."""
-    return made_design(project, request, candidates, use, progress, settings).design
+    """Return the design of a project; see `design`. Warnings are among its findings.
+
+    A search that `watch` ends returns what it has chosen so far, and says so.
+    """
+    return made_design(project, request, candidates, use, progress, settings, watch=watch).design
 
 
 def made_design(
@@ -183,8 +187,12 @@ def made_design(
     values: ParameterSet | None = None,
     *,
     near: bool = False,
+    watch: Watch = lambda made: False,
 ) -> ProjectDesign:
-    """Return the design of a project with its fit; see `ProjectData.fit` for the values that this begins from."""
+    """Return the design of a project with its fit; see `ProjectData.fit` for the values that this begins from.
+
+    `watch` is asked during the choice, not during the fit.
+    """
     request.check()
     entry = with_settings(project.file.design, settings or {})
     place = project.file.location("design")
@@ -204,7 +212,7 @@ def made_design(
     planned = _planned(entry, data.problem, place) if request.segments is not None and entry.manoeuvres else []
     fitted, findings = data.fit(progress, values, near=near)
     offered = (*data.candidates, *planned)
-    proposal = _around(fitted, entry, request, offered, data.use, place, [*data.findings, *findings])
+    proposal = _around(fitted, entry, request, offered, data.use, place, [*data.findings, *findings], watch)
     return ProjectDesign(proposal, fitted, offered)
 
 
@@ -224,6 +232,7 @@ def _around(
     use: Sequence[Dataset],
     place: Location,
     findings: Sequence[Finding] = (),
+    watch: Watch = lambda made: False,
 ) -> Design:
     """Return a design around a fit."""
     problem = fitted.problem
@@ -231,15 +240,15 @@ def _around(
     # the weights of training data say how far they are trusted, not how often a sample occurs
     use = use or [replace(data, weight_channel="") for data in problem.datasets]
     if request.reduce:
-        proposal = reduce_recordings(fitted, problem.fitted_datasets, use, request.keep, entry.seed)
+        proposal = reduce_recordings(fitted, problem.fitted_datasets, use, request.keep, entry.seed, watch)
     elif request.segments is not None or (request.n is None and _drives(problem, request)):
         if not candidates:
             remedy = "Name recordings, or time tables of planned manoeuvres, with --from."
             raise InputError.of(place, "there is nothing to choose segments from", remedy)
         count = SEGMENTS if request.segments is None else request.segments
-        proposal = design_segments(fitted, candidates, use, count, entry.length, entry.warmup, entry.seed)
+        proposal = design_segments(fitted, candidates, use, count, entry.length, entry.warmup, entry.seed, watch)
     else:
-        proposal = _points_around(fitted, entry, request, candidates, use, place)
+        proposal = _points_around(fitted, entry, request, candidates, use, place, watch)
     return replace(proposal, findings=(*known, *proposal.findings))
 
 
@@ -256,6 +265,7 @@ def _points_around(
     candidates: Sequence[Dataset],
     use: Sequence[Dataset],
     place: Location,
+    watch: Watch,
 ) -> Design:
     problem = fitted.problem
     channels = _input_channels(problem)
@@ -281,6 +291,7 @@ def _points_around(
         names=request.names,
         direction=request.direction,
         seed=entry.seed,
+        stop=lambda: watch(None),
     )
     return _arranged(replace(proposal, findings=(*findings, *proposal.findings)), columns, chosen, entry)
 

@@ -10,12 +10,20 @@ Unlike a determinant or the variance at candidates, it does not reward extreme o
 a function is most wrong.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from kennfeld.base.arrays import Float, Int
 
+Stop = Callable[[list[int]], bool]  # is given what is chosen so far; True ends the search with it
 ROUNDS = 10  # of exchanges, of which the first two find nearly all that is to be found
 LEAST_GAIN = 1e-9  # relative
+
+
+def never(chosen: list[int]) -> bool:
+    """Return False: the search goes on to its end."""
+    return False
 
 
 class WeightedCoverage:
@@ -50,12 +58,13 @@ class WeightedCoverage:
             total += (use / np.maximum(known + sign * candidates, 1e-300)).sum(axis=1)
         return total / len(self._use)
 
-    def choose(self, count: int, used: Int | None = None) -> list[int]:
+    def choose(self, count: int, used: Int | None = None, stop: Stop = never) -> list[int]:
         """Choose candidates one by one, then exchange each for a better one, until none is.
 
         Args:
             count: number of candidates, at most as many as there are.
             used: numbers of candidates that are no longer to be had.
+            stop: is asked after each of them, and before each exchange.
 
         Returns:
             Their numbers; the first adds most.
@@ -68,14 +77,20 @@ class WeightedCoverage:
             variances[blocked] = np.inf
             chosen.append(int(variances.argmin()))
             blocked[chosen[-1]] = True
-        self._exchange(chosen, blocked)
+            if stop(chosen):
+                return chosen
+        self._exchange(chosen, blocked, stop)
         return self._ordered(chosen)
 
-    def _exchange(self, chosen: list[int], blocked: "np.ndarray[tuple[int], np.dtype[np.bool_]]") -> None:
+    def _exchange(
+        self, chosen: list[int], blocked: "np.ndarray[tuple[int], np.dtype[np.bool_]]", stop: Stop = never
+    ) -> None:
         best = self.of(chosen)
         for _ in range(ROUNDS):
             before = best
             for at, own in enumerate(chosen):
+                if stop(chosen):
+                    return
                 variances = self._with_each(self._information(chosen[:at] + chosen[at + 1 :]))
                 variances[blocked] = np.inf
                 other = int(variances.argmin())
@@ -93,19 +108,21 @@ class WeightedCoverage:
             ordered.append(rest.pop(int(variances.argmin())))
         return ordered
 
-    def drop(self, keep: int, *, exchange: bool = False) -> list[tuple[int, float]]:
+    def drop(self, keep: int, *, exchange: bool = False, stop: Stop = never) -> list[tuple[int, float]]:
         """Drop candidates one by one, each the one that is missed least.
 
         Args:
             keep: number of candidates that remain.
             exchange: exchange those that remain for dropped ones, until none of them is better.
+            stop: is asked after each that is dropped; those so far remain dropped.
 
         Returns:
             The dropped ones, the first missed least, each with the variance without it and those before it.
         """
         everything = list(range(self._candidates.shape[1]))
-        dropped = self._eliminate(everything, everything, len(everything) - max(keep, 0))
-        if not exchange:
+        count = len(everything) - max(keep, 0)
+        dropped = self._eliminate(everything, everything, count, stop)
+        if not exchange or len(dropped) < count:
             return dropped
         gone = [number for number, _ in dropped]
         kept = [number for number in everything if number not in gone]
@@ -113,7 +130,9 @@ class WeightedCoverage:
         self._exchange(kept, blocked)
         return self._eliminate(everything, [number for number in everything if number not in kept], len(dropped))
 
-    def _eliminate(self, everything: list[int], droppable: list[int], count: int) -> list[tuple[int, float]]:
+    def _eliminate(
+        self, everything: list[int], droppable: list[int], count: int, stop: Stop = never
+    ) -> list[tuple[int, float]]:
         kept, rest = list(everything), list(droppable)
         dropped: list[tuple[int, float]] = []
         for _ in range(count):
@@ -121,6 +140,8 @@ class WeightedCoverage:
             least = int(variances.argmin())
             kept.remove(rest[least])
             dropped.append((rest.pop(least), float(variances[least])))
+            if stop([number for number, _ in dropped]):
+                break
         return dropped
 
     def gains(self, chosen: list[int]) -> Float:

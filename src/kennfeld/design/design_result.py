@@ -1,7 +1,7 @@
 """The result of a design: what to measure, and what that is predicted to determine."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field
 from pathlib import Path
 from typing import Any
@@ -203,6 +203,10 @@ class Design:
         more = len(rows) - len(shown)
         further = [f"and {count_noun(more, 'more row')}"] if more > 0 else []
         return "\n".join([*aligned(shown), *further, *self.summary()])
+
+
+# is given a function that makes the design so far, or None; True ends the search with it
+Watch = Callable[[Callable[[], Design] | None], bool]
 
 
 def _nested(values: Mapping[str, Float]) -> dict[str, Any]:

@@ -9,6 +9,8 @@ Points are chosen greedily and exchanged. All that a step needs is J H^-1 F and 
 product updates.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from kennfeld.base.arrays import Float
@@ -55,8 +57,8 @@ class PointSearch:
         self._repeats = repeats
         self.before = np.einsum("ij,jk,ik->i", self._functions, self._inverse, self._functions)
 
-    def choose(self, count: int, rounds: int = ROUNDS) -> PointChoice:
-        """Choose at most `count` points, and exchange them in `rounds` passes."""
+    def choose(self, count: int, rounds: int = ROUNDS, stop: Callable[[], bool] = lambda: False) -> PointChoice:
+        """Choose at most `count` points, and exchange them in `rounds` passes, or until `stop` says so."""
         candidates = len(self._rows)
         count = count if self._repeats else min(count, candidates)
         state = _CandidateState(self._inverse, self._rows, self._functions, self.before)
@@ -65,8 +67,10 @@ class PointSearch:
             chosen.append(self._best(state, chosen))
             state.add(chosen[-1])
             factors.append(float(np.sqrt(max(state.mean, 0.0))))
+            if stop():
+                return PointChoice(tuple(chosen), np.array(factors))
         for _ in range(rounds if count <= candidates else 0):
-            if not self._exchange(state, chosen):
+            if stop() or not self._exchange(state, chosen):
                 break
         return self._ordered(chosen) if rounds else PointChoice(tuple(chosen), np.array(factors))
 

@@ -1,6 +1,6 @@
 """Choice of steady points to measure next, for the whole function, named parameters, or one undetermined direction."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -76,6 +76,7 @@ def design_points(
     names: Sequence[str] = (),
     direction: int | None = None,
     seed: int = 0,
+    stop: Callable[[], bool] = lambda: False,
 ) -> tuple[Design, Int]:
     """Choose steady points.
 
@@ -88,6 +89,7 @@ def design_points(
         names: patterns of the parameters to determine.
         direction: number of the undetermined direction to determine, from 1, in the order of the trust.
         seed: of the sets of values over which information is averaged.
+        stop: is asked after each point; True ends the search with those so far.
 
     Returns:
         The design without the points, and their numbers, Int[points].
@@ -118,15 +120,17 @@ def design_points(
     factor = float("nan")
     if names or direction is not None:
         search = _ValueSearch(fitted, kind, rows, names, direction)
-        choice = search.choose(count)
+        choice = search.choose(count, stop)
         chosen = list(choice.chosen)
         sentences, unsettled = search.sentences(choice, kinds, candidates)
     else:
         owners = np.full(dataset.samples, -1, dtype=np.int64)
         owners[samples] = np.arange(samples.size)
         information = Information.of(fitted, [dataset], [owners], samples.size, use, seed)
-        chosen = information.coverage.choose(count)
+        chosen = information.coverage.choose(count, stop=lambda chosen: stop())
         factor = information.coverage.of(chosen) / information.coverage.of([])
+    if stop() and len(chosen) < min(count, samples.size):
+        findings.warning(PLACE, f"stopped: {len(chosen)} of {count_noun(count, 'point')} were chosen")
     added = np.einsum("kov,kow->vw", rows[chosen], rows[chosen])
     if not names and direction is None:
         unsettled = describe_unsettled(fitted, added, f"These {kind.name} points")
@@ -195,8 +199,8 @@ class _ValueSearch:
         flat = self._fitted.estimate.reduction.rows(rows.reshape(-1, rows.shape[-1]))
         return flat.reshape(*rows.shape[:2], -1)
 
-    def choose(self, count: int) -> PointChoice:
-        return PointSearch(self._curvature, self._rows, self._functions).choose(count)
+    def choose(self, count: int, stop: Callable[[], bool]) -> PointChoice:
+        return PointSearch(self._curvature, self._rows, self._functions).choose(count, stop=stop)
 
     def _left(self, rows: Float, count: int, *, repeats: bool = False) -> float:
         """Return what the best of other points leave; without exchanges, which change its third digit."""

@@ -1,14 +1,15 @@
 """Choice of the pieces of recordings to drive next, and of the recordings that add nothing."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from kennfeld.base.arrays import Float
-from kennfeld.base.errors import Findings, InputError, Location
+from kennfeld.base.errors import Finding, Findings, InputError, Location
 from kennfeld.base.formatting import count_noun, join_names
 from kennfeld.design.candidate_data import CandidateData
-from kennfeld.design.design_result import ChosenSegment, Design
+from kennfeld.design.design_result import ChosenSegment, Design, Watch
 from kennfeld.design.fitted_function import FittedFunction
 from kennfeld.design.information import Information
 from kennfeld.design.open_directions import (
@@ -36,6 +37,7 @@ def design_segments(
     length: float,
     warmup: float | None,
     seed: int = 0,
+    watch: Watch = lambda made: False,
 ) -> Design:
     """Choose pieces of recordings, or of planned manoeuvres, by coverage weighted by use.
 
@@ -47,6 +49,7 @@ def design_segments(
         length: of a segment, in s.
         warmup: time before each segment, in s; by default three of the largest time constants.
         seed: of the sets of values over which information is averaged.
+        watch: is asked after each segment; True ends the search with those so far.
 
     Raises:
         InputError: no candidate has time stamps or is long enough.
@@ -72,25 +75,36 @@ def design_segments(
     if len(segments) < count:
         message = f"there are {count_noun(len(segments), 'segment')}, fewer than the {count} asked for"
         findings.warning(PLACE, message, "Name more recordings with --from.")
-    cover = information.coverage
-    chosen = cover.choose(count)
-    names, gains = ValueNames(fitted), cover.gains(chosen)
-    picked = [segments[number] for number in chosen]
-    added = CandidateData(fitted, [each.cut(timed[each.dataset]) for each in picked]).curvature(fitted.values)
-    return Design(
-        segments=tuple(
-            ChosenSegment(each.file, each.begin, each.end, names.strongest(gain))
-            for each, gain in zip(picked, gains, strict=True)
-        ),
-        before=deviations(fitted),
-        noise=dict(fitted.trust.noise),
-        after=deviations(fitted, added),
-        unsettled=tuple(describe_unsettled(fitted, added, "These segments")),
-        findings=findings.finish(),
-        warmup=lead,
-        factor=cover.of(chosen) / cover.of([]),
-        course=tuple(cover.of(chosen[: count + 1]) / cover.of([]) for count in range(len(chosen))),
-    )
+    cover, known = information.coverage, findings.finish()
+
+    def designed(chosen: Sequence[int]) -> Design:
+        own = [*chosen]
+        names, gains = ValueNames(fitted), cover.gains(own)
+        picked = [segments[number] for number in own]
+        added = CandidateData(fitted, [each.cut(timed[each.dataset]) for each in picked]).curvature(fitted.values)
+        return Design(
+            segments=tuple(
+                ChosenSegment(each.file, each.begin, each.end, names.strongest(gain))
+                for each, gain in zip(picked, gains, strict=True)
+            ),
+            before=deviations(fitted),
+            noise=dict(fitted.trust.noise),
+            after=deviations(fitted, added),
+            unsettled=tuple(describe_unsettled(fitted, added, "These segments")),
+            findings=(*known, *_stopped(len(own), min(count, len(segments)), "segment")),
+            warmup=lead,
+            factor=cover.of(own) / cover.of([]),
+            course=tuple(cover.of(own[: number + 1]) / cover.of([]) for number in range(len(own))),
+        )
+
+    return designed(cover.choose(count, stop=lambda chosen: watch(lambda: designed(chosen))))
+
+
+def _stopped(count: int, wanted: int, noun: str) -> list[Finding]:
+    """Return the warning that a search was stopped before all that was wanted was chosen."""
+    if count >= wanted:
+        return []
+    return [Finding(PLACE, f"stopped: {count} of {count_noun(wanted, noun)} were chosen", severity="warning")]
 
 
 def _has_memory(fitted: FittedFunction) -> bool:
@@ -128,7 +142,12 @@ def describe_unsettled(fitted: FittedFunction, added: Float, measured: str) -> l
 
 
 def reduce_recordings(
-    fitted: FittedFunction, recordings: Sequence[Dataset], use: Sequence[Dataset], keep: int | None, seed: int = 0
+    fitted: FittedFunction,
+    recordings: Sequence[Dataset],
+    use: Sequence[Dataset],
+    keep: int | None,
+    seed: int = 0,
+    watch: Watch = lambda made: False,
 ) -> Design:
     """Find the recordings of the training data that add nothing, by coverage weighted by use.
 
@@ -138,8 +157,8 @@ def reduce_recordings(
         use: the operation that matters; training and test data count alike in it, however many samples they have.
         keep: number of recordings to keep; by default as many as raise the mean variance over the use by 5 % at most.
         seed: of the sets of values over which information is averaged.
+        watch: is asked after each recording that is dropped; True ends the search with those so far.
     """
-    findings = Findings()
     files = cut_files(recordings)
     if len(files) < 2:
         message = f"the training data are {count_noun(len(files), 'recording')}, of which none can be dropped"
@@ -157,9 +176,41 @@ def reduce_recordings(
     )
     cover = alone.coverage
     everything = cover.of(list(range(len(files))))
-    dropped = cover.drop(1 if keep is None else keep, exchange=keep is not None)
-    if keep is None:
-        dropped = [(number, variance) for number, variance in dropped if variance <= ADDS_NOTHING * everything]
+    last = 1 if keep is None else keep
+
+    def designed(dropped: Sequence[tuple[int, float]]) -> Design:
+        stopped = _stopped(len(dropped), len(files) - last, "recording") if dropped else []
+        if keep is None:
+            useless = [each for each in dropped if each[1] <= ADDS_NOTHING * everything]
+            stopped = [] if len(useless) < len(dropped) else stopped
+            dropped = useless
+        return replace(_without(fitted, recordings, files, dropped, everything), findings=tuple(stopped))
+
+    def stop(gone: list[int]) -> bool:
+        return watch(lambda: designed([(number, without(gone[: at + 1])) for at, number in enumerate(gone)]))
+
+    def without(gone: Sequence[int]) -> float:
+        return cover.of([number for number in range(len(files)) if number not in gone])
+
+    return designed(cover.drop(last, exchange=keep is not None, stop=stop))
+
+
+def _without(
+    fitted: FittedFunction,
+    recordings: Sequence[Dataset],
+    files: Sequence[RecordedSegment],
+    dropped: Sequence[tuple[int, float]],
+    everything: float,
+) -> Design:
+    """Return the design without recordings.
+
+    Args:
+        fitted: the fit of all of them.
+        recordings: the training data.
+        files: the recordings in them.
+        dropped: their numbers, each with the variance without it and those before it.
+        everything: variance with all of them.
+    """
     numbers = [number for number, _ in dropped]
     sentences = _predicted_loss(files, dropped, everything)
     gone = np.array([segment.last - segment.first for segment in files])[numbers].sum()
@@ -173,7 +224,6 @@ def reduce_recordings(
         noise=dict(fitted.trust.noise),
         after=_deviations_without(fitted, recordings, [files[number] for number in numbers]),
         sentences=tuple(sentences),
-        findings=findings.finish(),
         factor=(dropped[-1][1] if dropped else everything) / everything,
     )
 

@@ -53,7 +53,8 @@ def cut_segments(datasets: Sequence[Dataset], length: float, warmup: float) -> l
     Raises:
         InputError: a segment is shorter than the step of a recording.
     """
-    return [segment for number, data in enumerate(datasets) for segment in _cut(number, data, length, warmup)]
+    segments = [segment for number, data in enumerate(datasets) for segment in _cut(number, data, length, warmup)]
+    return _told_apart(segments)
 
 
 def _cut(number: int, data: Dataset, length: float, warmup: float) -> Iterator[RecordedSegment]:
@@ -97,7 +98,22 @@ def cut_files(datasets: Sequence[Dataset]) -> list[RecordedSegment]:
             if last > first:
                 stamps = (0.0, 0.0) if data.time is None else (float(data.time[first]), float(data.time[last - 1]))
                 located.append(RecordedSegment(number, name, first, first, last, *stamps))
-    return located
+    return _told_apart(located)
+
+
+def _told_apart(segments: Sequence[RecordedSegment]) -> list[RecordedSegment]:
+    """Return segments in which recordings of one name have their number in the order of the data, as in `drive (2)`."""
+    datasets: dict[str, list[int]] = {}
+    for segment in segments:
+        own = datasets.setdefault(segment.file, [])
+        if segment.dataset not in own:
+            own.append(segment.dataset)
+    return [
+        replace(segment, file=f"{segment.file} ({datasets[segment.file].index(segment.dataset) + 1})")
+        if len(datasets[segment.file]) > 1
+        else segment
+        for segment in segments
+    ]
 
 
 def owners(segments: Sequence[RecordedSegment], datasets: Sequence[Dataset]) -> list[Int]:

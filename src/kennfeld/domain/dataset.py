@@ -1,8 +1,9 @@
 """Datasets: recorded channels of equal length, with or without time stamps, in one or more pieces."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, field, replace
 from datetime import datetime
+from functools import wraps
 from importlib import import_module
 from typing import Any, Literal, Self
 
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kennfeld.base.arrays import ArrayLike, Bool, Float, Int, readonly
-from kennfeld.base.errors import ArgumentError, Finding, Location
+from kennfeld.base.errors import ArgumentError, Finding, Location, renamed, warn_deprecated
 from kennfeld.base.formatting import count_noun, join_names, nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.notebook_display import NotebookDisplay
@@ -120,7 +121,7 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
         name: how messages name it.
         channels: recorded quantities of equal length.
         time: time stamps in s, Float[samples], increasing within each piece; None for steady-state points.
-        starts: first sample of each piece, Int[pieces]; a model's states restart there.
+        piece_starts: first sample of each piece, Int[pieces]; a model's states restart there.
         weight: multiplies the loss of all samples.
         use: "training" or "test".
         scored: samples that are scored, Bool[samples]; the others are only simulated. None for all.
@@ -148,7 +149,7 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
     name: str
     channels: tuple[Channel, ...]
     time: Float | None = None  # Float[samples]
-    starts: Int = field(default_factory=lambda: np.zeros(1, dtype=np.int64))  # Int[pieces]
+    piece_starts: Int = field(default_factory=lambda: np.zeros(1, dtype=np.int64))  # Int[pieces]
     _: KW_ONLY
     weight: float = 1.0
     use: Use = "training"
@@ -178,13 +179,13 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
             object.__setattr__(self, key, number(getattr(self, key), key, f"dataset {self.name}", least=0))
         if self.use not in ("training", "test"):
             raise ArgumentError(f"use={self.use!r} of dataset {self.name} must be training or test")
-        starts = np.array(self.starts, dtype=np.int64)
+        starts = np.array(self.piece_starts, dtype=np.int64)
         # a dataset without samples has one piece, which is empty
         if starts.size == 0 or starts[0] != 0 or np.any(np.diff(starts) <= 0) or starts[-1] > max(self.samples - 1, 0):
             raise ArgumentError(
-                f"starts={starts.tolist()} of dataset {self.name} must rise from 0 within {self.samples} samples"
+                f"piece_starts={starts.tolist()} of dataset {self.name} must rise from 0 within {self.samples} samples"
             )
-        object.__setattr__(self, "starts", starts)
+        object.__setattr__(self, "piece_starts", starts)
         if self.settling is not None and self.time is not None:
             raise ArgumentError(f"settling={self.settling} of dataset {self.name} requires points without time stamps")
         if self.time is not None:
@@ -204,7 +205,7 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
                 f"time of dataset {self.name} has shape {time.shape}, its channels have {self.samples} samples"
             )
         # from one piece to the next, time may go back
-        for first, steps in time_steps(time, self.starts, between=1.0):
+        for first, steps in time_steps(time, self.piece_starts, between=1.0):
             # NaN counts as well
             bad = np.flatnonzero(~(steps > 0))
             if bad.size:
@@ -223,7 +224,7 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
         *,
         units: Mapping[str, str] | None = None,
         time: ArrayLike | None = None,
-        starts: ArrayLike | None = None,
+        piece_starts: ArrayLike | None = None,
         settling: Settling | None = None,
         weight: float = 1.0,
         use: Use = "training",
@@ -234,6 +235,7 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
         files: FileSpans | None = None,
         start_time: datetime | None = None,
         recorded: ArrayLike | None = None,
+        starts: ArrayLike | None = None,
     ) -> Self:
         """Return a dataset of named columns.
 
@@ -248,7 +250,7 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
                 xarray. Attributes `units` of pandas and xarray state units.
             units: the units of channels, by name.
             time: time stamps in s, Float[samples].
-            starts: first sample of each piece, Int[pieces].
+            piece_starts: first sample of each piece, Int[pieces].
             settling: simulation of steady-state points by a model with memory.
             weight: multiplies the loss of all samples.
             use: "training" or "test".
@@ -259,6 +261,7 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
             files: the files that the samples come from.
             start_time: the instant of time stamp 0.
             recorded: samples that were recorded, Bool[samples].
+            starts: former name of `piece_starts`.
 
         Raises:
             InputError: columns do not hold numbers; reports all of them.
@@ -266,7 +269,8 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
         """
         timed = time is None and settling is None
         held = import_module(_COLUMNS).read_recording(name, columns, units, timed=timed)
-        pieces = held.starts if starts is None else np.asarray(starts)
+        piece_starts = renamed(piece_starts, starts, "piece_starts", "starts")
+        pieces = held.starts if piece_starts is None else np.asarray(piece_starts)
         return cls(
             name,
             held.channels,
@@ -286,13 +290,21 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
         ).without_infinite()
 
     @property
+    def starts(self) -> Int:
+        """The former name of `piece_starts`."""
+        warn_deprecated("Dataset.starts is now called piece_starts")
+        return self.piece_starts
+
+    @property
     def samples(self) -> int:
         """Number of samples of every channel."""
         return len(self.channels[0]) if self.channels else (0 if self.time is None else self.time.size)
 
     def __repr__(self) -> str:
-        pieces = f" in {self.starts.size} pieces" if self.starts.size > 1 else ""
-        kind = f" over {self.time[-1] - self.time[0]:g} s" if self.time is not None and self.starts.size == 1 else ""
+        pieces = f" in {self.piece_starts.size} pieces" if self.piece_starts.size > 1 else ""
+        kind = (
+            f" over {self.time[-1] - self.time[0]:g} s" if self.time is not None and self.piece_starts.size == 1 else ""
+        )
         channels = join_names(list(self), MAX_NAMES)
         return f"Dataset({self.name!r}, {count_noun(self.samples, 'sample')}{pieces}{kind}: {channels})"
 
@@ -309,8 +321,8 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
     @property
     def pieces(self) -> Sequence[slice]:
         """The samples of each piece."""
-        ends = [*self.starts[1:].tolist(), self.samples]
-        return [slice(int(a), int(b)) for a, b in zip(self.starts, ends, strict=True)]
+        ends = [*self.piece_starts[1:].tolist(), self.samples]
+        return [slice(int(a), int(b)) for a, b in zip(self.piece_starts, ends, strict=True)]
 
     def with_channels(self, *added: Channel) -> Self:
         """Return the same dataset with channels added, or replaced where the name is taken."""
@@ -350,7 +362,7 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
         """
         units = {channel.name: channel.unit for channel in self.channels if channel.unit}
         values = {channel.name: channel.values for channel in self.channels}
-        return sample_frame(values, units, self.time, self.starts)
+        return sample_frame(values, units, self.time, self.piece_starts)
 
     def select(self, samples: ArrayLike) -> Self:
         """Return the samples of a steady-state dataset that an index array or a mask picks, in that order."""
@@ -363,7 +375,7 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
         scored = None if self.scored is None else self.scored[indices]
         # a mask becomes numbers, as an index array is
         files = None if self.files is None else self.files.picked(np.arange(self.samples)[indices])
-        return replace(self, channels=channels, starts=np.zeros(1, dtype=np.int64), scored=scored, files=files)
+        return replace(self, channels=channels, piece_starts=np.zeros(1, dtype=np.int64), scored=scored, files=files)
 
     def __getitem__(self, name: str) -> Channel:
         by_name: dict[str, Channel] = self.__dict__["_by_name"]
@@ -371,11 +383,28 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
             raise KeyError(f"{name} is not a channel of dataset {self.name}. {nearest(name, by_name)}".strip())
         return by_name[name]
 
+    def __contains__(self, name: object) -> bool:
+        # that of `Mapping` asks for the channel, and an error looks for similar names
+        return name in self.__dict__["_by_name"]
+
     def __iter__(self) -> Iterator[str]:
         return iter(self.__dict__["_by_name"])
 
     def __len__(self) -> int:
         return len(self.channels)
+
+
+def _with_former_argument(written: Callable[..., None]) -> Callable[..., None]:
+    @wraps(written)
+    def construct(data: Dataset, *arguments: Any, **named: Any) -> None:
+        if "starts" in named:
+            named["piece_starts"] = renamed(None, named.pop("starts"), "piece_starts", "starts")
+        written(data, *arguments, **named)
+
+    return construct
+
+
+Dataset.__init__ = _with_former_argument(Dataset.__init__)  # type: ignore[method-assign]
 
 
 def _truths_or_none(source: ArrayLike | None, label: str) -> Bool | None:
@@ -385,17 +414,17 @@ def _truths_or_none(source: ArrayLike | None, label: str) -> Bool | None:
 def pick(data: Dataset, samples: Int) -> Dataset:
     """Return some samples of a dataset, Int[picked] in rising order; pieces without any of them vanish.
 
-    >>> data = Dataset.of("d", {"x": [0.0, 1.0, 2.0, 3.0, 4.0]}, starts=[0, 2, 3])
-    >>> pick(data, np.array([1, 3, 4])).starts
+    >>> data = Dataset.of("d", {"x": [0.0, 1.0, 2.0, 3.0, 4.0]}, piece_starts=[0, 2, 3])
+    >>> pick(data, np.array([1, 3, 4])).piece_starts
     array([0, 1])
     """
     # the start of a piece that vanishes coincides with the next one, or with the end
-    starts = np.unique(np.searchsorted(samples, data.starts))
+    starts = np.unique(np.searchsorted(samples, data.piece_starts))
     return replace(
         data,
         channels=tuple(replace(channel, values=channel.values[samples]) for channel in data.channels),
         time=None if data.time is None else data.time[samples],
-        starts=starts[starts < samples.size] if samples.size else np.zeros(1, dtype=np.int64),
+        piece_starts=starts[starts < samples.size] if samples.size else np.zeros(1, dtype=np.int64),
         scored=None if data.scored is None else data.scored[samples],
         recorded=None if data.recorded is None else data.recorded[samples],
         files=None if data.files is None else data.files.picked(samples),
@@ -469,7 +498,7 @@ def concatenate(name: str, parts: Sequence[Dataset]) -> Dataset:
     channels = tuple(replace(c, values=np.concatenate([part[c.name].values for part in parts])) for c in shared)
     # starts count from the beginning of their own part
     offsets = np.cumsum([0, *(part.samples for part in parts[:-1])])
-    starts = np.concatenate([part.starts + offset for part, offset in zip(parts, offsets, strict=True)])
+    starts = np.concatenate([part.piece_starts + offset for part, offset in zip(parts, offsets, strict=True)])
     time = None if parts[0].time is None else np.concatenate([p.time for p in parts if p.time is not None])
     scored, recorded = None, None
     if any(part.scored is not None for part in parts):
@@ -483,7 +512,7 @@ def concatenate(name: str, parts: Sequence[Dataset]) -> Dataset:
         name=name,
         channels=channels,
         time=time,
-        starts=starts,
+        piece_starts=starts,
         scored=scored,
         recorded=recorded,
         findings=findings,

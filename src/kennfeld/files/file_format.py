@@ -48,6 +48,7 @@ class MeasurementReader:
         unpacks: True if the reader unpacks gzip itself, as text is read.
         has_sheets: True if a file has sheets that a `#` and their name select.
         may_lack_time: True if records may lack a time stamp.
+        decodes: True if a file may hold frames of a bus, which databases decode.
         costly: time of reading in s that makes a copy in the cache worthwhile.
     """
 
@@ -60,6 +61,7 @@ class MeasurementReader:
     unpacks: bool = False
     has_sheets: bool = False
     may_lack_time: bool = False
+    decodes: bool = False
     costly: float = 0.2
 
 

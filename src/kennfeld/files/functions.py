@@ -103,6 +103,7 @@ PROJECT = FileFormat(
     (".toml",),
     role=Role.PROJECT,
     describe=f"{_DESCRIBERS}:describe_toml",
+    description="a project file",
 )
 # texts without a signature, under another ending
 PROJECT_TEXT = FileFormat(
@@ -111,5 +112,6 @@ PROJECT_TEXT = FileFormat(
     holds_line(_SECTION),
     role=PROJECT.role,
     describe=PROJECT.describe,
+    description=PROJECT.description,
 )
 FORMULA_TEXT = FileFormat(FORMULA.name, (), _is_formula, role=FORMULA.role, describe=FORMULA.describe)

@@ -50,7 +50,7 @@ def _is_msl(head: FileHead) -> bool:
 
 
 _read_text = partial(read_recording, unpacks=True)
-_read_log = partial(read_recording, "can_logs", rasters=True, describes=True)
+_read_log = partial(read_recording, "can_logs", rasters=True, describes=True, decodes=True)
 
 PARQUET = FileFormat("Parquet", (".parquet",), starts_with(b"PAR1"), read_recording("parquet", costly=float("inf")))
 FEATHER = FileFormat(
@@ -65,7 +65,7 @@ MDF = FileFormat(
     "MDF",
     (".mf4", ".mdf", ".dat"),
     starts_with(b"MDF     ", b"UnFinMF"),
-    read_recording("mdf", rasters=True, describes=True),
+    read_recording("mdf", rasters=True, describes=True, decodes=True),
     description="an MDF measurement",
 )
 MLG = FileFormat("MLG", (".mlg",), starts_with(b"MLVLG"), read_recording("mlg", may_lack_time=True))

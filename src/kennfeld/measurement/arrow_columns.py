@@ -29,7 +29,8 @@ def header_of(schema: Any) -> Header:
         stated = notes.get("unit", notes.get("units", b"")).decode(errors="replace")
         # an index of pandas without a name; one of stamps is the clock, unless a column has that name
         if name.startswith(_INDEX):
-            name = "time" if pa.types.is_timestamp(field.type) and "time" not in short else ""
+            clock = pa.types.is_timestamp(field.type) or pa.types.is_duration(field.type)
+            name = "time" if clock and "time" not in short else ""
         # `p [bar]` beside `p [kPa]`: only the whole names differ
         names.append(field.name if short[name] > 1 else name)
         units.append(stated or unit)

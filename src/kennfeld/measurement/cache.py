@@ -32,7 +32,15 @@ from kennfeld.measurement.reader import read_leniently
 from kennfeld.measurement.source import MeasurementFile, locate
 
 _NOTES = b"kennfeld"
-_STORED = ("name", "channels", "time", "starts", "clock", "findings", "start_time")  # what is written of a dataset
+_STORED = (
+    "name",
+    "channels",
+    "time",
+    "piece_starts",
+    "clock",
+    "findings",
+    "start_time",
+)  # what is written of a dataset
 _ADDED = ("files",)  # by whoever reads the entry
 
 _MAX_SIZE = 2_000_000_000  # bytes of a folder
@@ -49,7 +57,7 @@ def to_parquet(dataset: Dataset) -> bytes | None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    new = Dataset(dataset.name, dataset.channels, dataset.time, dataset.starts)
+    new = Dataset(dataset.name, dataset.channels, dataset.time, dataset.piece_starts)
     others = [attribute.name for attribute in fields(Dataset) if attribute.name not in (*_STORED, *_ADDED)]
     if not dataset.channels or any(getattr(dataset, name) != getattr(new, name) for name in others):
         return None
@@ -58,7 +66,7 @@ def to_parquet(dataset: Dataset) -> bytes | None:
     notes = {
         "channels": [[c.name, c.unit, c.description] for c in dataset.channels],
         "time": dataset.time is not None,
-        "starts": dataset.starts.tolist(),
+        "starts": dataset.piece_starts.tolist(),
         "clock": None if dataset.clock is None else asdict(dataset.clock),
         "findings": [asdict(finding) for finding in dataset.findings],
         "start_time": None if dataset.start_time is None else dataset.start_time.isoformat(),

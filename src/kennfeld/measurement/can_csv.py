@@ -32,6 +32,10 @@ _STANDARD = 0x7FF
 _EPOCH = 1e8  # s; larger times count from 1970
 _MICROSECONDS = 1e6
 _DIGITS = 6
+_STATED = re.compile(r"[\[(]\s*(hex|dec)", re.IGNORECASE)
+_IDENTIFIER = re.compile(r"(?!0x$)(?P<mark>0x)?(?P<digits>[\da-f]+)(?P<extended>x?)h?", re.IGNORECASE)
+_BYTES = re.compile(r"(?:(?:0x)?[\da-f]+[\s,;:-]*)*", re.IGNORECASE)
+_DIGITS_OF_BYTE = re.compile(r"(?:0x)?([\da-f]+)", re.IGNORECASE)
 _HEXADECIMAL = re.compile(r"[\da-f]*[a-f][\da-f]*", re.IGNORECASE)
 
 
@@ -52,8 +56,9 @@ class _NumberBases(NamedTuple):
 
 def read_frames(source: MeasurementFile) -> tuple[list[Frames], list[Finding]]:
     """Return the frames of a log; a warning if rows of it are damaged."""
-    names, lines, table = _read_rows(source)
-    numbers, clock = _find_bases(names, table), _Clock()
+    head, lines, table = _read_rows(source)
+    names = column_names(head)
+    numbers, clock = _find_bases(head, names, table), _Clock()
     rows: list[_Row] = []
     damaged: list[int] = []
     for line, cells in zip(lines, table, strict=True):
@@ -73,7 +78,7 @@ def read_frames(source: MeasurementFile) -> tuple[list[Frames], list[Finding]]:
 
 
 def _read_rows(source: MeasurementFile) -> tuple[list[str], list[int], list[list[str]]]:
-    """Return the names of the columns, and line number and cells of each row."""
+    """Return the cells of the first line, and line number and cells of each row."""
     lines: list[int] = []
     table: list[list[str]] = []
     with source.open() as raw, io.TextIOWrapper(raw, encoding="utf-8-sig", errors="replace", newline="") as text:
@@ -92,7 +97,7 @@ def _read_rows(source: MeasurementFile) -> tuple[list[str], list[int], list[list
                 # the head was read before, which the reader does not count
                 lines.append(reader.line_num + 1)
                 table.append([cell.strip() for cell in cells])
-    return column_names(head.split(separator)), lines, table
+    return head.split(separator), lines, table
 
 
 def _is_in_microseconds(source: MeasurementFile) -> bool:
@@ -100,8 +105,16 @@ def _is_in_microseconds(source: MeasurementFile) -> bool:
     return b"time stamp" in source.start(1024).splitlines()[0].lower()
 
 
-def _find_bases(names: Sequence[str], table: Sequence[Sequence[str]]) -> _NumberBases:
-    """Return the bases of identifiers and bytes, by the program that wrote them and by their digits."""
+def _find_bases(head: Sequence[str], names: Sequence[str], table: Sequence[Sequence[str]]) -> _NumberBases:
+    """Return the bases of identifiers and bytes, as the head states them, else by the program and by their digits."""
+    bases = _usual_bases(names, table)
+    for name, cell in zip(names, head, strict=True):
+        if name in _IDENTIFIERS and (stated := _STATED.search(cell)):
+            bases = bases._replace(identifier=16 if stated[1].casefold() == "hex" else 10)
+    return bases
+
+
+def _usual_bases(names: Sequence[str], table: Sequence[Sequence[str]]) -> _NumberBases:
     if "eventtype" in names:  # the trace of asammdf
         return _NumberBases(10, 16)
     data = [k for k, name in enumerate(names) if name in _DATA]
@@ -145,10 +158,14 @@ def _row(row: dict[str, str], numbers: _NumberBases, clock: _Clock) -> _Row | No
         return None
     if row.get("eventtype", "CAN Frame") != "CAN Frame":
         return None
-    identifier = int(_first(row, _IDENTIFIERS), numbers.identifier)
+    number = _IDENTIFIER.fullmatch(_first(row, _IDENTIFIERS))
+    if number is None:
+        raise ValueError("identifier")
+    identifier = int(number["digits"], 16 if number["mark"] else numbers.identifier)
     if not 0 <= identifier <= _LARGEST:
         raise ValueError("identifier")
-    stated = _first(row, _EXTENDED).casefold()
+    # Vector marks identifiers of 29 bits by an x behind them
+    stated = _first(row, _EXTENDED).casefold() or ("1" if number["extended"] else "")
     extended = stated in ("1", "true") or (not stated and identifier > _STANDARD)
     content = _content(row, numbers.data)
     bus = re.sub(r"\D", "", _first(row, _BUSES)) or "0"
@@ -162,23 +179,41 @@ def _first(row: dict[str, str], names: Sequence[str]) -> str:
 def _content(row: dict[str, str], base: int) -> bytes:
     """Return the payload: hexadecimal digits, numbers in brackets, one column a byte, or base64 beside 0x."""
     if "d1" in row:
-        size = int(row.get("len") or row.get("dlc") or 0)
+        stated = row.get("len") or row.get("dlc") or row.get("datalength")
+        # without a length, the row ends with its last byte
+        size = int(stated) if stated else sum(bool(re.fullmatch(r"d\d+", name) and cell) for name, cell in row.items())
         if not 0 <= size <= _MOST_BYTES:
             raise ValueError("length")
         # SavvyCAN counts the bytes from D1
         first = 0 if "d0" in row else 1
         return bytes(int(row[f"d{first + k}"], base) for k in range(size))
     text = _first(row, _DATA)
-    if row.get("arbitrationid", "").casefold().startswith("0x"):
+    if row.get("arbitrationid", "").casefold().startswith("0x") and not _is_hexadecimal(text, row):
         content = base64.b64decode(text, validate=True)
     # bytes in brackets are separated by blanks
     elif base == 10:
         content = bytes(map(int, text.strip("[]").split()))
     else:
-        content = bytes.fromhex(text)
+        content = _bytes_of(text)
     if len(content) > _MOST_BYTES:
         raise ValueError("length")
     return content[: int(row["datalength"])] if row.get("datalength") and base == 10 else content
+
+
+def _bytes_of(text: str) -> bytes:
+    """Return bytes of hexadecimal digits: `0A00FF`, `0A 00 FF`, `0A-00-FF`, `0x0A 0x00 0xFF`; else `ValueError`."""
+    if not _BYTES.fullmatch(text):
+        raise ValueError("data")
+    parts = _DIGITS_OF_BYTE.findall(text)
+    return bytes.fromhex(parts[0]) if len(parts) == 1 else bytes(int(part, 16) for part in parts)
+
+
+def _is_hexadecimal(text: str, row: dict[str, str]) -> bool:
+    """Return whether a payload is as long as stated if its digits are hexadecimal, not base64 as of python-can."""
+    try:
+        return len(_bytes_of(text)) == int(row.get("dlc") or row.get("len") or row.get("datalength") or -1)
+    except ValueError:
+        return False
 
 
 def _frames(rows: Sequence[_Row], in_microseconds: bool, is_dated: bool) -> Frames:

@@ -39,6 +39,7 @@ _GROUPED: dict[str, re.Pattern[str]] = {
     ".,": re.compile(rf"(?:{_APART}|[+-]?[1-9][0-9]{{0,2}}(?:,[0-9]{{3}})+)(?:\.[0-9]*)?"),
 }
 EPOCH = datetime(1970, 1, 1)  # spreadsheets know no time zones
+_FIRST_DAY = datetime(1899, 12, 31)  # that spreadsheets count from; times of 24 h and more are dates of 1900 in them
 
 
 def parse_number(cell: object, decimal: Decimal = ".") -> float | None:
@@ -70,13 +71,21 @@ def _parse_text(text: str, decimal: Decimal) -> float | None:
 
 
 def _seconds(cell: object) -> float | None:
-    if isinstance(cell, datetime):
-        return (cell.replace(tzinfo=None) - EPOCH).total_seconds()
     if isinstance(cell, date):
-        return (datetime(cell.year, cell.month, cell.day) - EPOCH).total_seconds()
+        instant = cell.replace(tzinfo=None) if isinstance(cell, datetime) else datetime.combine(cell, time())
+        return (instant - (_FIRST_DAY if is_long_time(cell) else EPOCH)).total_seconds()
     if isinstance(cell, time):
         return cell.hour * 3600.0 + cell.minute * 60.0 + cell.second + cell.microsecond / 1e6
     return cell.total_seconds() if isinstance(cell, timedelta) else None
+
+
+def is_long_time(cell: object) -> bool:
+    """Return whether a date of a spreadsheet is a time of 24 h and more whose format has no days.
+
+    >>> is_long_time(datetime(1900, 1, 1, 0, 0, 1)), is_long_time(datetime(2026, 1, 1))
+    (True, False)
+    """
+    return isinstance(cell, date) and cell.year <= 1900
 
 
 def is_dated(cell: object) -> bool:

@@ -1,4 +1,4 @@
-"""Milliseconds in a column of their own, beside columns of date and time of day in whole seconds."""
+"""Parts of the time in columns of their own: the date beside a time of day, and milliseconds beside whole seconds."""
 
 from dataclasses import replace
 
@@ -10,6 +10,31 @@ from kennfeld.measurement.time_column import find_time
 from kennfeld.measurement.unit_text import is_fraction_name
 
 _PER_SECOND = 1000
+_DAY = 86_400.0  # s
+
+
+def with_days(table: Table) -> Table:
+    """Return the table with times of day on the days of a column of dates, which a pause may have skipped."""
+    clock = find_time(table)
+    if clock is None or not clock.dated or clock.origin is not None or table.clock is not None:
+        return table
+    dates = next((column for column in table.columns if _is_days(column)), None)
+    if dates is None:
+        return table
+    stamps = dates.values + clock.values % _DAY
+    known = stamps[~np.isnan(stamps)]
+    # a date that stays behind at midnight is that of the file
+    if known.size < np.count_nonzero(~np.isnan(clock.values)) or np.any(np.diff(known) < 0):
+        return table
+    whole = replace(clock, values=stamps, origin=dates.origin)
+    return replace(table, columns=tuple(whole if column is clock else column for column in table.columns))
+
+
+def _is_days(column: Column) -> bool:
+    """Return whether a column holds dates without times of day, of several days."""
+    known = column.values[~np.isnan(column.values)]
+    is_whole = column.dated and column.origin is not None and bool(np.all(known % _DAY == 0))
+    return is_whole and known.size > 0 and bool(np.any(known != known[0]))
 
 
 def with_fractions(table: Table) -> Table:

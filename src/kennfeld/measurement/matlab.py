@@ -14,6 +14,7 @@ from kennfeld.files.containers import HDF5
 from kennfeld.matlab import mat_v4, mat_v5, mat_v73
 from kennfeld.matlab.mat_nodes import MatFileError, Node
 from kennfeld.matlab.mcos import resolve_objects
+from kennfeld.measurement.epochs import with_epochs
 from kennfeld.measurement.header import unique_names
 from kennfeld.measurement.matlab_signals import MatlabSignals, RecordedSignal, TimeBase, find_signals
 from kennfeld.measurement.source import MeasurementFile, locate
@@ -54,6 +55,7 @@ def _tables(source: MeasurementFile, signals: MatlabSignals, selection: Selectio
             replace(table, location=source.location.within(clock.path), details=(("group", clock.path),))
             for table, clock in zip(tables, signals.clocks, strict=True)
         ]
+    tables = [with_epochs(table, selection) for table in tables]
     # a time alone holds no requested channel
     return [table for table in tables if len(table.columns) > (table.clock is not None)] or tables[:1]
 

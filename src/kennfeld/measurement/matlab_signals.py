@@ -25,7 +25,7 @@ from kennfeld.matlab.mat_nodes import (
     Node,
     node_text,
 )
-from kennfeld.measurement.unit_text import plain_unit, time_unit
+from kennfeld.measurement.unit_text import plain_unit, states_unit_of_time, time_unit
 
 _CLOCK = re.compile(r"(?:.*[_.])?(?:time|timestamps?|zeit)(?:_.*)?|tout|(?-i:t)|t_\d.*", re.IGNORECASE)
 _DATA = ("data", "value", "values")
@@ -313,7 +313,8 @@ def _clock(path: str, name: str, node: Node, stated: str = "") -> TimeBase | Non
     values = _vector(node)
     if values is None or (unit is None and not np.all(values[1:] >= values[:-1])):
         return None
-    return TimeBase(path, values, unit or "s")
+    # without a stated unit, the numbers may show another one than seconds
+    return TimeBase(path, values, (unit or "s") if states_unit_of_time(name, stated) else "")
 
 
 def _signals(item: _UntimedNumbers, samples: int, last: bool = False) -> Iterator[RecordedSignal]:

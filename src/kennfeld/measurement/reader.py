@@ -21,7 +21,7 @@ from kennfeld.measurement.channel_groups import join_groups, split_timelines
 from kennfeld.measurement.dataset_tables import table_of
 from kennfeld.measurement.epochs import with_epochs
 from kennfeld.measurement.fine_clocks import with_fine_clocks
-from kennfeld.measurement.fraction_columns import with_fractions
+from kennfeld.measurement.fraction_columns import with_days, with_fractions
 from kennfeld.measurement.source import MeasurementFile, locate, locate_head, run_guarded
 from kennfeld.measurement.table import Selection, Table, with_word_warnings, without_infinite
 from kennfeld.measurement.table_conversion import Description, TableDescription, assemble, describe_table
@@ -200,12 +200,21 @@ def _check(source: MeasurementFile) -> None:
 def _read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     tables: list[Table] = run_guarded(source.name, lambda: _tables_of(source, selection))
     tables = [with_word_warnings(without_infinite(table)) for table in tables]
+    if source.databases and not source.reader.decodes and tables:
+        tables[0] = replace(tables[0], findings=(*tables[0].findings, _undecoded(source)))
     if source.reader.may_lack_time:
         tables = [drop_untimed(table) for table in tables]
     if source.reader.rasters:
         return tables
-    tables = [with_fractions(with_epochs(table, selection)) for table in tables]
+    tables = [with_fractions(with_days(with_epochs(table, selection))) for table in tables]
     return [with_date_doubts(with_unread_time(table)) for table in tables]
+
+
+def _undecoded(source: MeasurementFile) -> Finding:
+    """Return that databases do not matter for a file, which may be a log in a form that is not known."""
+    message = f"is not a log of bus frames but {source.format.phrase}, so no database decodes it"
+    remedy = "Omit dbc if it holds measured channels, else export it as MF4, BLF or ASC."
+    return Finding(source.location, message, remedy, severity="warning")
 
 
 def _descriptions_of(source: MeasurementFile) -> tuple[TableDescription, ...]:

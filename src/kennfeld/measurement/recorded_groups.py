@@ -18,7 +18,7 @@ from kennfeld.measurement.epochs import with_epochs
 from kennfeld.measurement.header import Header, unique_names
 from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Column, Selection, Table
-from kennfeld.measurement.time_column import find_time
+from kennfeld.measurement.time_column import find_time, with_unread_time
 from kennfeld.measurement.unit_text import in_seconds, time_unit
 
 _TIME = "time"
@@ -144,7 +144,9 @@ def tables_of(
     chosen = _choose(location, names, selection)
     tables = [_table(location, group, names, chosen, selection) for group in groups]
     kept = [table for table in tables if selection.channels is None or _has_channel(table, selection.channels)]
-    first, *others = _with_dates_aligned([with_epochs(table, selection) for table in kept or tables[:1]], selection)
+    first, *others = _with_dates_aligned(
+        [with_unread_time(with_epochs(table, selection)) for table in kept or tables[:1]], selection
+    )
     return [
         replace(first, findings=(*first.findings, *(() if selection.channels else _warnings(location, unreadable)))),
         *others,

@@ -158,10 +158,7 @@ class StampCollector:
         if day is not None:
             self.origin = datetime.fromordinal(day).replace(tzinfo=UTC if _ZONE.search(self._example) else None)
         else:
-            known = np.flatnonzero(~np.isnan(values))
-            period = _HOUR if self._only_minutes else _DAY
-            periods = np.cumsum(np.diff(values[known], prepend=values[known[:1]]) < -period / 2)
-            values[known] += period * periods
+            values = continued(values, _HOUR if self._only_minutes else _DAY)
         return values
 
     def _choose_order(self, orders: dict[bool, Float]) -> bool:
@@ -186,6 +183,18 @@ class StampCollector:
     def _doubt(self, *, month_first: bool) -> str:
         name = "month/day" if month_first else "day/month"
         return f"dates such as {self._example.strip()[:40]} read either way; {name} is assumed"
+
+
+def continued(values: Float, period: float = _DAY) -> Float:
+    """Return times of day in s, Float[samples], that go on across midnight: a fall by half the period begins the next.
+
+    >>> continued(np.array([86399.0, np.nan, 0.0, 1.0]))
+    array([86399.,    nan, 86400., 86401.])
+    """
+    known = np.flatnonzero(~np.isnan(values))
+    result = values.copy()
+    result[known] += period * np.cumsum(np.diff(values[known], prepend=values[known[:1]]) < -period / 2)
+    return result
 
 
 def _elapsed(values: Float) -> Float:

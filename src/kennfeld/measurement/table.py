@@ -7,7 +7,7 @@ so they become NaN), and of the markers that a driver or the logger set while re
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import field, replace
-from datetime import date, datetime
+from datetime import date, datetime, timedelta
 from typing import TypeVar
 
 import numpy as np
@@ -17,10 +17,10 @@ from kennfeld.base.errors import Finding, Location
 from kennfeld.base.formatting import join_names
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.dataset import replace_infinite
-from kennfeld.measurement.cells import EPOCH, Decimal, is_dated, is_truth, parse_numbers, quote_cell
+from kennfeld.measurement.cells import EPOCH, Decimal, is_dated, is_long_time, is_truth, parse_numbers, quote_cell
 from kennfeld.measurement.exact_numbers import rest_of_cells
 from kennfeld.measurement.header import Header
-from kennfeld.measurement.stamps import StampCollector, is_stamp, stated_order
+from kennfeld.measurement.stamps import StampCollector, continued, is_stamp, stated_order
 from kennfeld.measurement.unit_text import may_be_time
 
 BLOCK = 4096  # rows that text is parsed by at a time
@@ -149,6 +149,7 @@ class ColumnBuilder:
         self._samples = 0
         self._dated = False
         self._origin: datetime | None = None  # of dates that are cells of a spreadsheet
+        self._has_days = False  # cells that are dates or durations, not times of day
         self._stamps: StampCollector | None = None  # dates and times as text
         self._has_numbers = False
         self._rests: list[Float | None] | None = [] if may_be_time(name, unit) else None
@@ -177,7 +178,9 @@ class ColumnBuilder:
         # text files cannot hold dates, and a look at each of their cells would cost a third of the reading
         is_text_file = bool(cells) and isinstance(cells[0], str) and isinstance(cells[-1], str)
         self._dated = self._dated or (not is_text_file and any(map(is_dated, cells)))
-        if self._dated and self._origin is None and any(isinstance(cell, date) for cell in cells):
+        self._has_days = self._has_days or (self._dated and any(isinstance(c, date | timedelta) for c in cells))
+        is_first = self._dated and self._origin is None
+        if is_first and any(isinstance(cell, date) and not is_long_time(cell) for cell in cells):
             self._origin = EPOCH
 
     def _note_truths(self, cells: Sequence[object], values: Float) -> None:
@@ -221,6 +224,8 @@ class ColumnBuilder:
         else:
             values = np.concatenate(self._blocks) if self._blocks else np.empty(0)
             words = self._without_truths(values)
+            if self._dated and not self._has_days:
+                values = continued(values)
         values.setflags(write=False)
         return Column(
             self.name,

@@ -16,7 +16,14 @@ from kennfeld.base.formatting import count_noun, quoted, toml_text
 from kennfeld.domain.dataset import Clock
 from kennfeld.measurement.cells import quote_cell
 from kennfeld.measurement.table import Column, Table, limit_findings
-from kennfeld.measurement.unit_text import in_seconds, plain_unit, says_time, states_unit_of_time, time_unit
+from kennfeld.measurement.unit_text import (
+    in_seconds,
+    is_called_time,
+    plain_unit,
+    says_time,
+    states_unit_of_time,
+    time_unit,
+)
 
 LONG_STEP = 5.0  # s; recordings of a function in time have shorter steps, and milliseconds have longer ones
 SAME_INSTANT = 1e-9  # s; stamps closer than this belong to one instant (rasters of a logger that were merged)
@@ -171,15 +178,37 @@ def split_pieces(table: Table, time: Float) -> list[slice]:
 
 
 def with_unread_time(table: Table) -> Table:
-    """Return the table with a warning if it has no time, but a column of text with the name of one."""
-    text = next((c for c in table.columns if c.is_text and _names_time(c)), None)
-    if text is None or not text.texts or find_time(table) is not None:
+    """Return the table with a warning if it has no time, but a column with the name of one."""
+    if find_time(table) is not None:
         return table
-    sample, cell = text.texts[0]
-    message = f"{quote_cell(cell)} cannot be read as a time, so the samples are steady-state points"
-    remedy = "Write the time in seconds, or as 2026-12-31 23:59:59.9 or 23:59:59.9."
-    finding = Finding(table.at(sample, text), message, remedy, severity="warning")
-    return replace(table, findings=(*table.findings, finding))
+    finding = next((found for column in table.columns if (found := _unread(table, column)) is not None), None)
+    return table if finding is None else replace(table, findings=(*table.findings, finding))
+
+
+def _unread(table: Table, column: Column) -> Finding | None:
+    """Return why a column with the name of time is not the time; None if it has another name."""
+    steady = "so the samples are steady-state points"
+    if column.is_text:
+        if not column.texts or not _names_time(column):
+            return None
+        sample, cell = column.texts[0]
+        message = f"{quote_cell(cell)} cannot be read as a time, {steady}"
+        remedy = "Write the time in seconds, or as 2026-12-31 23:59:59.9 or 23:59:59.9."
+        return Finding(table.at(sample, column), message, remedy, severity="warning")
+    if not is_called_time(column.name) or column.values.size < 2:
+        return None
+    unit, location = plain_unit(column.unit), table.location.within(f"column {column.place}")
+    if time_unit(column.name, column.unit) is None and _does_not_fall(column):
+        stated = f"{unit!r} is not a unit of time" if unit else "its unit cannot be read from its name"
+        # a name such as `Time (ticks)` is not that of a time, whatever unit is stated
+        known = time_unit(column.name, "s") is not None
+        unit_known = f'State its unit if it is the time: [units] {quoted(column.name)} = "ms" or another one.'
+        remedy = unit_known if known else "If it is the time, rename it: time [s]."
+        return Finding(location, f"{stated}, {steady}", remedy, severity="warning")
+    if not _is_usable(column):
+        remedy = "Rename the column if it is not a time."
+        return Finding(location, f"the time does not advance, {steady}", remedy, severity="warning")
+    return None
 
 
 def with_date_doubts(table: Table) -> Table:

@@ -13,18 +13,24 @@ meter meters metre metres degree degrees
 % pct percent ppm ppm_v vol% vol-% vol mol% fsn db dba phi lambda λ afr
 :1 - -- 1 none bool boolean bit bits count counts enum flag adc raw #
 """
-_UNITS = frozenset(_WORDS.split())
 _SECONDS = {
     (1.0, 1.0): "s sec secs second seconds sek sekunden",
     (1.0, 1e3): "ms msec millisecond milliseconds",
     (1.0, 1e6): "us µs μs usec microsecond microseconds",
-    (1.0, 1e9): "ns nanosecond nanoseconds",
+    (1.0, 1e7): "100ns",
+    (1.0, 1e9): "ns nsec nanosecond nanoseconds",
     (60.0, 1.0): "min minute minutes minuten",
-    (3600.0, 1.0): "h hr hour hours stunden",
+    (3600.0, 1.0): "h hr hrs hour hours stunden",
     (86400.0, 1.0): "day days tage",
 }
 _TIME = {word: scale for scale, words in _SECONDS.items() for word in words.split()}
-_TIME_NAME = re.compile(r"(?:elapsed|relative)?[ _]?(?:time|timestamps?|time ?stamps?|zeit|t)(?:[ _]([a-zµμ]+))?")
+_UNITS = frozenset(_WORDS.split()) | frozenset(_TIME)
+_TIME_NAME = re.compile(
+    r"(?:elapsed|relative)?[ _]?(?:time|timestamps?|time ?stamps?|zeit|t)(?:(?:[ _]|, ?| ?/ ?| in )([a-zµμ]+))?"
+)
+_CALLED_TIME = re.compile(
+    r"(?:elapsed|relative)?[ _]?(?:time|timestamps?|time ?stamps?|zeit)(?: ?[(\[,/].*)?", re.DOTALL
+)
 _NUMBERED = re.compile(r"(?:time|zeit|timestamps?)[ _.]?\(?[0-9]+(?: ?m?s)?\)?|x_value|t_[0-9]+ ?m?s", re.IGNORECASE)
 # words that name a date or a time of day, whose column may be the time although it is called `Device Time`
 _STAMPED = re.compile(r"\b(?:time|timestamps?|stamp|date|datetime|zeit|uhrzeit|datum|clock)\b", re.IGNORECASE)
@@ -82,14 +88,14 @@ def in_seconds(unit: str) -> tuple[float, float] | None:
     >>> in_seconds("ms"), in_seconds("rpm")
     ((1.0, 1000.0), None)
     """
-    return _TIME.get(plain_unit(unit).casefold())
+    return _TIME.get(plain_unit(unit).casefold().removesuffix("."))
 
 
 def time_unit(name: str, unit: str) -> str | None:
     """Return the unit of a column with a name of time, seconds by default; None for other names.
 
-    >>> time_unit("time_ms", ""), time_unit("Zeit", "s"), time_unit("t", "°C")
-    ('ms', 's', None)
+    >>> time_unit("time_ms", ""), time_unit("t / ms", ""), time_unit("Zeit", "s"), time_unit("t", "°C")
+    ('ms', 'ms', 's', None)
     """
     match = _TIME_NAME.fullmatch(name.strip().casefold())
     if not match or (match[1] and in_seconds(match[1]) is None):
@@ -115,6 +121,15 @@ def says_time(name: str) -> bool:
     (True, False)
     """
     return _SAYS_TIME.search(name.replace("_", " ")) is not None
+
+
+def is_called_time(name: str) -> bool:
+    """Return whether a name is that of the time, whatever unit stands behind it; a quantity such as `t` is not.
+
+    >>> is_called_time("Time (hrs)"), is_called_time("Zeit"), is_called_time("Injection time"), is_called_time("t")
+    (True, True, False, False)
+    """
+    return _CALLED_TIME.fullmatch(name.strip().casefold()) is not None
 
 
 def may_be_time(name: str, unit: str) -> bool:

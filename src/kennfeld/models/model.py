@@ -1,6 +1,6 @@
 """`Model`: the graph of one time step together with the name, step and parameters of its source."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
 from kennfeld.graph import Graph
 from kennfeld.graph.builder import GraphBuilder
+from kennfeld.graph.recent_results import kept_for_small_graphs
 from kennfeld.graph.traversal import rewrite
 
 if TYPE_CHECKING:
@@ -142,16 +143,18 @@ def bind_scalars(model: Model, parameters: ParameterSet, channels: Collection[st
     # formula text that was read without known parameters takes a bare name for an input
     known = (name for name in model.graph.inputs if name not in channels)
     names = {name for name in known if name in parameters and not parameters[name].coordinates}
-    if not names:
-        return model
+    return replace(model, graph=_with_lookups(model.graph, sorted(names))) if names else model
 
+
+@kept_for_small_graphs
+def _with_lookups(graph: Graph, names: Sequence[str]) -> Graph:
     def resolve(b: GraphBuilder, at: int, args: tuple[int, ...]) -> int:
-        op, _, payload = model.graph.nodes[at]
+        op, _, payload = graph.nodes[at]
         if op == "input" and payload in names:
             return b.lookup(payload)
         return b.node(op, args, payload)
 
-    return replace(model, graph=rewrite(model.graph, resolve))
+    return rewrite(graph, resolve)
 
 
 def ambiguous_names(model: Model, parameters: ParameterSet, channels: Collection[str]) -> list[str]:

@@ -126,22 +126,26 @@ class Accumulator:
                     space.cost(chunk, sums[chunk.number])
 
         self._each_share(work)
-        self._last = values.copy(), self.widths.copy()
+        if self.stateful:
+            self._last = values.copy(), self.widths.copy()
         weights = np.array([self.samples.pieces[c.piece].scores for c in self.chunks]).reshape(sums.shape)
         # a weight of 0 switches an output off even where its sum is infinite or NaN
-        total: Float = np.where(weights == 0, 0.0, weights * np.where(weights == 0, 0.0, sums)).sum(axis=0)
+        off = weights == 0
+        total: Float = np.where(off, 0.0, weights * np.where(off, 0.0, sums)).sum(axis=0)
         return total
 
     def _visit_states(self, values: Float) -> tuple[Float, Workspace]:
         """Ensure that the states at the start of each chunk are those of these values; let a workspace use them."""
         values = np.ascontiguousarray(values, dtype=np.float64)
-        last = self._last
-        known = last is not None and np.array_equal(values, last[0]) and np.array_equal(self.widths, last[1])
-        if self.stateful and not known:
+        if self.stateful and not self._knows_states(values):
             self.costs(values)
         space = self._workspaces[0]
         space.use(values)
         return values, space
+
+    def _knows_states(self, values: Float) -> bool:
+        last = self._last
+        return last is not None and np.array_equal(values, last[0]) and np.array_equal(self.widths, last[1])
 
     def normal(self, values: Float) -> Normal:
         """Compute gradient and Gauss-Newton matrix at the values p [values]."""

@@ -32,11 +32,11 @@ def channel_html(channel: Channel) -> Html:
 def dataset_html(data: Dataset) -> Html:
     """Return a row for each channel, with a strip of its values."""
     size = [count_noun(data.samples, "sample"), count_noun(len(data), "channel")]
-    if data.starts.size > 1:
-        size.append(count_noun(data.starts.size, "piece"))
+    if data.piece_starts.size > 1:
+        size.append(count_noun(data.piece_starts.size, "piece"))
     if data.time is None:
         size.append("steady-state")
-    elif data.samples and data.starts.size == 1:
+    elif data.samples and data.piece_starts.size == 1:
         size.append(f"{decimal(float(data.time[0]))} to {decimal(float(data.time[-1]))} s")
     title = [element("b", data.name), f" ({', '.join([*size, data.use])})"]
     rows = []

@@ -181,11 +181,14 @@ def _bridge_gaps(dataset: Dataset, values: Float) -> Float:
 def _find_starts(dataset: Dataset, valid: Bool) -> Int:
     """Return the first samples of pieces among the valid ones: after a recording's start, a gap or a pause."""
     fresh = np.zeros(dataset.samples, dtype=bool)
-    fresh[dataset.starts] = True
+    fresh[dataset.piece_starts] = True
     # this marks samples inside a gap as well, but only valid ones are returned
     fresh[1:] |= ~valid[:-1]
-    if dataset.time is not None and (longest := _longest_step(dataset.time, dataset.starts, dataset.max_gap)) < np.inf:
-        for first, steps in time_steps(dataset.time, dataset.starts):
+    if (
+        dataset.time is not None
+        and (longest := _longest_step(dataset.time, dataset.piece_starts, dataset.max_gap)) < np.inf
+    ):
+        for first, steps in time_steps(dataset.time, dataset.piece_starts):
             fresh[first : first + steps.size] |= steps > longest
     return np.flatnonzero(fresh[valid])
 

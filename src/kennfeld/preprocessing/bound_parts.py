@@ -84,12 +84,12 @@ def _group_pieces(bound: BoundDataset) -> Iterator[int]:
 def _cut(dataset: Dataset, samples: slice) -> Dataset:
     """Return a range of samples; their pieces begin where those of the dataset do."""
     # + 1: a piece that begins with the range is the 0 below
-    inside = dataset.starts[slice(*np.searchsorted(dataset.starts, [samples.start + 1, samples.stop]))]
+    inside = dataset.piece_starts[slice(*np.searchsorted(dataset.piece_starts, [samples.start + 1, samples.stop]))]
     return replace(
         dataset,
         channels=tuple(replace(channel, values=channel.values[samples]) for channel in dataset.channels),
         time=None if dataset.time is None else dataset.time[samples],
-        starts=np.concatenate([[0], inside - samples.start]),
+        piece_starts=np.concatenate([[0], inside - samples.start]),
         scored=None if dataset.scored is None else dataset.scored[samples],
         recorded=None if dataset.recorded is None else dataset.recorded[samples],
         findings=(),

@@ -211,7 +211,7 @@ def _with_time(data: Dataset, asked: Collection[str]) -> Dataset:
     if column is None:
         return data
     time = time_in_seconds(column)
-    if (wrong := _disorder(data.name, column, time, data.starts)) is not None:
+    if (wrong := _disorder(data.name, column, time, data.piece_starts)) is not None:
         raise InputError([wrong])
     return replace(data, time=time, clock=clock_of(column))
 

@@ -105,7 +105,7 @@ class JoinedRecordings:
                 joined,
                 channels=tuple(channels),
                 time=time,
-                starts=starts,
+                piece_starts=starts,
                 files=files,
                 start_time=common_start_time(self._start_times),
             )
@@ -134,7 +134,7 @@ class JoinedRecordings:
             column.append(part[name].values if name in part else np.full(part.samples, np.nan), expected)
         if part.time is not None:
             self._time.append(part.time, expected)
-        self._starts += (part.starts + self._samples).tolist()
+        self._starts += (part.piece_starts + self._samples).tolist()
         self._files.append((part.files, part.samples))
         self._start_times.append(part.start_time)
         self._samples = end

@@ -52,7 +52,7 @@ def refine_step(
     if dataset.time is None or dataset.samples < 2:
         return dataset
     # without the steps from one piece to the next
-    steps = np.delete(np.diff(dataset.time), dataset.starts[1:] - 1)
+    steps = np.delete(np.diff(dataset.time), dataset.piece_starts[1:] - 1)
     if not steps.size:
         return dataset
     own = float(np.median(steps))
@@ -96,7 +96,7 @@ def _refine(dataset: Dataset, time: Float, count: int, inputs: Collection[str]) 
         dataset,
         channels=tuple(channels),
         time=np.concatenate(finer),
-        starts=starts,
+        piece_starts=starts,
         scored=scored,
         files=None if dataset.files is None else _refined_files(dataset.files, own, scored.size),
         recorded=recorded,

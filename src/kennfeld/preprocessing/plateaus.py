@@ -231,7 +231,7 @@ def average_plateaus(dataset: Dataset, counts: Bool, ranges: Sequence[tuple[int,
         dataset,
         channels=tuple(channels),
         time=None,
-        starts=np.zeros(1, dtype=np.int64),
+        piece_starts=np.zeros(1, dtype=np.int64),
         scored=None,
         recorded=None,
         max_gap=0.0,
@@ -256,7 +256,7 @@ class _PlateauSearch:
         for condition in entry.steady:
             self.counts &= np.isfinite(dataset[condition.channel].values)
         self.time = time[self.counts]
-        self.starts = segment_starts(time, dataset.starts, self.counts, entry.max_gap)
+        self.starts = segment_starts(time, dataset.piece_starts, self.counts, entry.max_gap)
         self.values = [dataset[condition.channel].values[self.counts] for condition in entry.steady]
         self.firsts: list[Int] = [
             first_in_band(values, condition.tolerance, self.starts)

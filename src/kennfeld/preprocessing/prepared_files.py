@@ -179,12 +179,14 @@ def _extremes(values: Float) -> Int:
 def cut(data: Dataset, first: int, last: int) -> Dataset:
     """Cut out the samples from `first` to before `last`, without copying them."""
     channels = tuple(replace(channel, values=channel.values[first:last]) for channel in data.channels)
-    inner = data.starts[(data.starts > first) & (data.starts < last)] - first
+    inner = data.piece_starts[(data.piece_starts > first) & (data.piece_starts < last)] - first
     starts = np.concatenate([np.zeros(1, dtype=np.int64), inner])
     time = None if data.time is None else data.time[first:last]
     scored, recorded = (None if marks is None else marks[first:last] for marks in (data.scored, data.recorded))
     files = None if data.files is None else data.files.cut(first, last)
-    return replace(data, channels=channels, time=time, starts=starts, scored=scored, files=files, recorded=recorded)
+    return replace(
+        data, channels=channels, time=time, piece_starts=starts, scored=scored, files=files, recorded=recorded
+    )
 
 
 @dataclass(frozen=True)
@@ -269,7 +271,7 @@ def _columns(prepared: PreparedFile) -> Iterator[NDArray[Any]]:
     data = prepared.dataset
     if data is None:
         return
-    yield data.starts
+    yield data.piece_starts
     yield from (channel.values for channel in data.channels)
     if data.time is not None:
         yield data.time

@@ -32,9 +32,9 @@ def shifted_values(dataset: Dataset, shift: Mapping[str, float], first: int, las
 
     Of samples beyond that range, only those from which values move into it are read.
     """
-    edges = [*dataset.starts.tolist(), dataset.samples]
-    begin = int(np.searchsorted(dataset.starts, first, side="right")) - 1
-    end = int(np.searchsorted(dataset.starts, last))
+    edges = [*dataset.piece_starts.tolist(), dataset.samples]
+    begin = int(np.searchsorted(dataset.piece_starts, first, side="right")) - 1
+    end = int(np.searchsorted(dataset.piece_starts, last))
     pieces = [slice(a, b) for a, b in pairwise(edges[begin : end + 1])]
     return {
         name: np.concatenate(
@@ -75,7 +75,7 @@ def inside_pieces(dataset: Dataset, margin: int, first: int, last: int) -> Bool:
     `margin` samples at either end of a piece are excluded, at most half of the piece.
     """
     inside = np.zeros(last - first, dtype=bool)
-    for a, b in pairwise([*dataset.starts.tolist(), dataset.samples]):
+    for a, b in pairwise([*dataset.piece_starts.tolist(), dataset.samples]):
         excluded = min(margin, (b - a) // 4)
         begin, end = max(a + excluded - first, 0), max(b - excluded - first, 0)
         inside[begin:end] = True

@@ -344,7 +344,7 @@ def _restarts(problem: Problem, locations: Mapping[str, Location]) -> Iterator[F
     """Yield a remark for each dataset within whose recordings states start anew, after gaps or pauses."""
     for data in problem.datasets if problem.graph.states and problem.partitions is None else ():
         bound = problem.bind(data)
-        count = bound.starts.size - data.starts.size
+        count = bound.starts.size - data.piece_starts.size
         if count > 0 and data.time is not None and bound.hold is None:
             times = "once" if count == 1 else f"{count} times"
             message = f"the states of the function start anew {times} within recordings, after gaps in inputs or pauses"

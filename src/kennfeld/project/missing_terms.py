@@ -8,6 +8,8 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from kennfeld.analysis.missing.proposal import TermProposal, TermProposals
 from kennfeld.analysis.missing.proposing import SearchScope, Watch, find_terms
 from kennfeld.analysis.missing.refit import Addition
@@ -21,6 +23,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.output_paths import below
 from kennfeld.calfiles import read as read_parameters
 from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Parameter
 from kennfeld.measurement.reader import describe
 from kennfeld.measurement.table_conversion import ChannelDescription, TableDescription
 from kennfeld.measurement.time_column import is_named_time
@@ -209,6 +212,7 @@ def _section(project: "Project", proposal: TermProposal) -> dict[str, Any]:
         return {"unit": "s", "initial": seconds, **free}
     section: dict[str, Any] = {
         "x": {"input": term.channel, "breakpoints": list(term.breakpoints)},
+        **({"y": {"input": term.second, "breakpoints": list(term.second_breakpoints)}} if term.second else {}),
         "initial": float(parameter.values.flat[0]),
         **free,
     }
@@ -216,7 +220,19 @@ def _section(project: "Project", proposal: TermProposal) -> dict[str, Any]:
         section["smoothness"] = addition.smoothness
     if addition.pin is not None:
         section["pin"] = [{"at": list(addition.pin.at), "value": addition.pin.value}]
+    if lines := _locked_lines(parameter):
+        section["lock"] = lines
     return section
+
+
+def _locked_lines(parameter: Parameter) -> list[dict[str, list[float]]]:
+    """Return the locked lines of a map, or its locked value, as ranges of its axes."""
+    if len(parameter.axes) != 2 or not parameter.locked.any():
+        return []
+    x, y = (axis.breakpoints.tolist() for axis in parameter.axes)
+    rows, columns = np.flatnonzero(parameter.locked.all(axis=1)), np.flatnonzero(parameter.locked.all(axis=0))
+    lines = [{"x": [x[at], x[at]]} for at in rows] + [{"y": [y[at], y[at]]} for at in columns]
+    return lines or [{"x": [x[i], x[i]], "y": [y[j], y[j]]} for i, j in np.argwhere(parameter.locked).tolist()]
 
 
 def _reference(project: "Project", addition: Addition) -> dict[str, Any]:
@@ -235,9 +251,10 @@ def sentence(proposal: TermProposal) -> str:
     assert addition is not None
     node, term = quoted_name(proposal.term.node), addition.term
     label = "" if addition.parameter is None else addition.parameter.name
+    inputs = ", ".join(map(quoted_name, term.channels))
     right = {
-        "add": f"{node} + {label}({quoted_name(term.channel)})",
-        "multiply": f"{node} * {label}({quoted_name(term.channel)})",
+        "add": f"{node} + {label}({inputs})",
+        "multiply": f"{node} * {label}({inputs})",
         "lag": f"PT1({node}, {label})",
         "offset": f"{node} + {label}",
         "delay": f"delay({node}, {term.steps}, {node})",
@@ -285,7 +302,10 @@ def _not_written(project: "Project", proposal: TermProposal, reason: str) -> Inp
     """Return the error for a term that cannot be written, with the place where it is to be added."""
     place = project.file.location("model", "file")
     node = f"node {proposal.term.node}" + (f" ({proposal.location})" if proposal.location else "")
-    remedy = f"{proposal.change} where the function was made: {node}."
+    line = sentence(proposal).split("  # ")[0]
+    remedy = f"{proposal.change} where the function was made: {node}. As formula text: {line}."
+    if proposal.parameter is not None:
+        remedy += " The patch of kennfeld propose --json has the section of its parameter."
     return InputError.of(place, f"{reason}; nothing was changed", remedy)
 
 

@@ -72,7 +72,7 @@ def summarise_file(shared: bytes, item: bytes, arguments: bytes) -> FileSummary:
         return FileSummary(replace(file, findings=with_worker(file.findings)))
     sought = bool(recordings.recipes[number].entry.unknown_shifts)  # shifts of points count their order
     part = replace(file, dataset=file.excerpt(excerpt, neighbouring=sought))
-    return FileSummary(part, data.samples, int(np.count_nonzero(data.counting)), tuple(data.starts.tolist()))
+    return FileSummary(part, data.samples, int(np.count_nonzero(data.counting)), tuple(data.piece_starts.tolist()))
 
 
 def count_column(shared: bytes, item: bytes, arguments: bytes) -> DigitCounts:

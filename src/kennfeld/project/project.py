@@ -20,7 +20,7 @@ from kennfeld.project.schema import ProjectFile, read_project
 
 if TYPE_CHECKING:
     from kennfeld.analysis.missing.proposal import TermProposal, TermProposals
-    from kennfeld.analysis.missing.terms import Kind
+    from kennfeld.analysis.missing.terms import Form
     from kennfeld.base.dask_runner import ClusterAddress
     from kennfeld.base.task_runner import TaskRunner
     from kennfeld.optimize.fit.result import Result
@@ -67,7 +67,8 @@ class Project:
     name: str
     formats: tuple[str, ...]
     file: ProjectFile = field(repr=False)
-    load: "Loader | None" = field(default=None, repr=False)
+    # a factory, so that the class itself has no attribute `load` that is None
+    load: "Loader | None" = field(default_factory=lambda: None, repr=False)
     report: Callable[[str], None] = field(default=_ignore, repr=False)
     watch: "ReadingWatch | None" = field(default=None, repr=False)  # of the reading of recordings
     further_channels: tuple[str, ...] = field(default=(), repr=False)
@@ -331,7 +332,7 @@ class Project:
         *,
         channels: Sequence[str] = ("*",),
         nodes: Sequence[str] = ("*",),
-        kinds: "Sequence[Kind]" = ("add", "multiply", "lag", "delay", "offset"),
+        kinds: "Sequence[Form]" = ("add", "multiply", "map", "lag", "delay", "offset"),
         least: float = 0.0,
         progress: Callable[[str], None] | None = None,
         report: Callable[[str], None] | None = None,
@@ -344,7 +345,7 @@ class Project:
         Args:
             channels: glob patterns of the channels that take part; by default all of the recordings.
             nodes: glob patterns of the nodes that take part.
-            kinds: `add`, `multiply`, `lag`, `delay`, `offset` of each recording.
+            kinds: `add`, `multiply`, `map` of two channels, `lag`, `delay`, `offset` of each recording.
             least: effect that a proposal must explain on held-out data, in the unit of the target.
             progress: called with lines of text.
             report: former name of `progress`.
@@ -408,20 +409,29 @@ class Project:
 
         Raises:
             InputError: the file cannot be read.
+
+        Warns:
+            InputWarning: part of the file was skipped, so that the project's own values remain there.
         """
-        from kennfeld.calfiles import read
+        parameters, findings = self.read_values_with_findings(path)
+        warn(finding for finding in findings if finding.severity == "warning")
+        return parameters
+
+    def read_values_with_findings(self, path: str | Path) -> tuple[ParameterSet, tuple[Finding, ...]]:
+        """Read the values as `read_values` does; return the findings on what was skipped in place of warnings."""
+        from kennfeld.calfiles import read_with_findings
         from kennfeld.files.calibrations import IMAGE_ENDINGS
 
         path, calibration = Path(path), self.file.calibration
         # an A2L file beside the image precedes those of the project
         own = path.with_suffix(".a2l")
         if path.suffix.lower() not in IMAGE_ENDINGS or own.is_file():
-            return read(path)
+            return read_with_findings(path)
         beside = (str(Path(name).with_suffix(".a2l")) for name in calibration.files if name.endswith(IMAGE_ENDINGS))
         named = calibration.descriptions.values() or beside
         known = {self.file.folder / name for name in named if (self.file.folder / name).is_file()}
         # of several A2L files it is not known which one describes the image
-        return read(path, next(iter(known)) if len(known) == 1 else None)
+        return read_with_findings(path, next(iter(known)) if len(known) == 1 else None)
 
     def simulate(
         self, parameters: ParameterSet | None = None, shifts: Mapping[str, Mapping[str, float]] | None = None

@@ -66,7 +66,7 @@ def numbers_of_pieces(part: SimulatedPart) -> Int:
     """Number the pieces of the samples of a part, from 1 within the dataset; Int[samples]."""
     data = part.data
     begins = np.zeros(data.samples, dtype=np.int64)
-    begins[data.starts[data.starts < data.samples]] = 1
+    begins[data.piece_starts[data.piece_starts < data.samples]] = 1
     return part.piece + np.cumsum(begins)
 
 

@@ -151,7 +151,7 @@ class Simulation:
                 self.samples[name] += data.samples
                 if skipped is not None:
                     self.skipped[name] = replace(skipped, dataset=name).joined(self.skipped.get(name))
-                pieces[number] = before + data.starts.size
+                pieces[number] = before + data.piece_starts.size
                 yield SimulatedPart(replace(data, name=name), before)
 
 
@@ -180,7 +180,7 @@ def simulate_partition(shared: bytes, item: bytes, _: bytes) -> list[tuple[Datas
         # by the whole file, since a part alone would begin a piece
         starts = _starts_in_file(problem.bind(recordings.file(part)).shown, part)
         continues = 0 not in starts or (data.time is None and not problem.model.graph.states)
-        nodes = replace(nodes, starts=np.union1d([0], starts).astype(np.int64))
+        nodes = replace(nodes, piece_starts=np.union1d([0], starts).astype(np.int64))
         simulated.append((nodes, continues, _skipped(problem, problem.bind(data))))
     return simulated
 

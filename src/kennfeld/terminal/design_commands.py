@@ -91,7 +91,16 @@ def design(
         try:
             with Interrupt() as interrupt, display("compiling") as shown:
                 use = tuple(str(Path.cwd() / pattern) for pattern in use)
-                proposal = design_project(project, request, candidates, use, interrupt.watch(shown))
+                ended_fit: bool | None = None
+
+                def watch(made: object) -> bool:
+                    nonlocal ended_fit
+                    stopped = interrupt.stopped()
+                    # a signal before the first choice has ended the fit, not the choice
+                    ended_fit = stopped if ended_fit is None else ended_fit
+                    return stopped and not ended_fit
+
+                proposal = design_project(project, request, candidates, use, interrupt.watch(shown), watch=watch)
         except KeyboardInterrupt:
             print_findings("Stopped before there was anything to write.")
             return INTERRUPTED

@@ -91,4 +91,6 @@ def _values(project: "Project", parameters: Path | None) -> "ParameterSet | None
             return None
         parameters = calibrated
     print_lines(f"values: {parameters}")
-    return project.read_values(parameters)
+    values, findings = project.read_values_with_findings(parameters)
+    print_findings(*findings)
+    return values

@@ -385,7 +385,10 @@ def simulate(
     target = output_file(path, output or path.parent / "simulation.parquet")
     require_simulation_format(target)
     with opened_project(path, trust=trust) as project:
-        values = None if parameters is None else project.read_values(parameters)
+        values = None
+        if parameters is not None:
+            values, skipped_values = project.read_values_with_findings(parameters)
+            print_findings(*skipped_values)
         shifts = _stored_shifts(project, parameters)
         simulation = project.simulation(values, shifts, deviation=deviation)
         remarks = Findings()

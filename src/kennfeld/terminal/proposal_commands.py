@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 @option("--undo", "Restore the files as they were before the last proposal was written.")
 @option("--channel channels", "Pattern of the channels that take part. Repeatable.", "NAME", "all", multiple=True)
 @option("--node nodes", "Pattern of the nodes that take part. Repeatable.", "NAME", "all", multiple=True)
-@option("--kind kinds", "add, multiply, lag, delay or offset. Repeatable.", "KIND", "all", multiple=True)
+@option("--kind kinds", "add, multiply, map, lag, delay or offset. Repeatable.", "KIND", "all", multiple=True)
 @option("--least", "Effect that a proposal must explain, in the unit of the target.", "X", "0", type=float, default=0.0)
 @as_json
 @trusted
@@ -43,7 +43,7 @@ def propose(
 
     All channels of the recordings take part. Nothing is written without --apply.
     """
-    from kennfeld.analysis.missing.terms import KINDS
+    from kennfeld.analysis.missing.terms import FORMS
 
     with opened_project(path, trust=trust) as project:
         if undo:
@@ -52,7 +52,7 @@ def propose(
             proposals = project.propose(
                 channels=channels or ("*",),
                 nodes=nodes or ("*",),
-                kinds=kinds or KINDS,  # type: ignore[arg-type]
+                kinds=kinds or FORMS,  # type: ignore[arg-type]
                 least=least,
                 progress=print_progress,
             )

@@ -69,9 +69,9 @@ def test_an_excerpt_of_large_data_gives_about_the_same_share(monkeypatch, timed)
 def test_an_excerpt_keeps_the_balance_of_data_and_smoothness():
     problem, _ = fitted("y = C(x) + k", {"k": 0.0, "C": CURVE}, 1000)
     [data] = problem.fitted_datasets
-    part = excerpt(replace(problem, datasets=(replace(data, starts=np.array([0, 600])),)), 0.25)
+    part = excerpt(replace(problem, datasets=(replace(data, piece_starts=np.array([0, 600])),)), 0.25)
     [kept] = part.fitted_datasets
-    assert (kept.samples, kept.starts.tolist()) == (250, [0, 150])
+    assert (kept.samples, kept.piece_starts.tolist()) == (250, [0, 150])
     np.testing.assert_array_equal(kept["x"].values[:3], data["x"].values[[0, 4, 8]])
     assert part.factors("C") == (0.025,)
 

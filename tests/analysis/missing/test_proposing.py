@@ -112,7 +112,7 @@ def test_a_calibration_that_has_not_ended_is_fitted_first():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"kinds": ["curve"]}, "kinds: unknown kind 'curve'. Use add, multiply, lag, delay, offset."),
+        ({"kinds": ["curve"]}, "kinds: unknown kind 'curve'. Use add, multiply, map, lag, delay, offset."),
         ({"channels": "n"}, "channels='n' must be a list: channels=['n']"),
         ({"channels": ["c22"]}, "channels: the training data have no channel c22"),
         ({"nodes": ["drg"]}, "nodes: the function has no node drg. Did you mean drag?"),
@@ -190,3 +190,46 @@ def test_a_channel_that_varies_less_than_single_precision_resolves_is_constant()
     data = bench("drag")
     data["stamp"] = 1.7e9 + 0.1 * np.arange(data["m"].size)
     assert proposed(data, channels=["stamp", "c1"], kinds=["add"]).excluded == {"stamp": "it is constant"}
+
+
+def with_effect(effect, seed=0):
+    """Return a bench whose drag has an effect of two further channels."""
+    data = bench(seed=seed)
+    return data | {"m": data["m"] - effect(data["c2"], data["c3"])}
+
+
+def test_a_map_is_found_where_no_curve_explains_anything():
+    proposals = proposed(with_effect(lambda x, z: x * z), kinds=["add", "map"])
+    first = proposals[0]
+    assert first.term.channels == ("c2", "c3")
+    assert "drag" in {first.term.node, *(place.node for place in first.equal_places)}
+    assert first.change == f"Add a map of c2 and c3 to {first.term.node}"
+    assert first.parameter.values.shape == (6, 6)
+    assert first.rmse.after == pytest.approx(first.predicted, rel=0.03)
+    assert first.held_out.after < 0.75 * first.held_out.before
+    assert (first.as_json()["channel"], first.as_json()["second_channel"]) == ("c2", "c3")
+
+
+def test_a_map_replaces_curves_of_its_channels_that_explain_less():
+    proposals = proposed(with_effect(lambda x, z: 2 * np.tanh((1 + x) * (1 + z))), kinds=["add", "map"], nodes=["drag"])
+    assert [proposal.term.channels for proposal in proposals.proposals] == [("c2", "c3")]
+    assert "Add a curve of c2 to drag: explains what better proposals explain" in proposals.rejected
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_no_map_is_proposed_where_curves_suffice(seed):
+    proposals = proposed(with_effect(lambda x, z: 3 * np.tanh(2 * x) + z**2, seed), kinds=["add", "map"], nodes=["y"])
+    assert sorted(proposal.term.channels for proposal in proposals.proposals) == [("c2",), ("c3",)]
+
+
+def test_a_term_that_moves_the_function_far_is_predicted_as_it_is_fitted():
+    rng = np.random.default_rng(3)
+    data = {name: rng.uniform(-1, 1, 500) for name in ("n", "c0", "c1", "spark")}
+    optimum = 0.3 + 0.5 * data["n"] + 0.8 * data["c0"]
+    data["m"] = 10 - 8 * (optimum - data["spark"]) ** 2 + 0.3 * rng.normal(size=500)
+    text = "optimum = a + b * n\ny = top - q * (optimum - spark) * (optimum - spark)"
+    start = {"a": 0.3, "b": 0.5, "top": 10.0, "q": 8.0}
+    first = kf.propose(text, data, start, "m", kinds=["add", "multiply"])[0]
+    assert (first.term.node, first.term.channel) == ("optimum", "c0")
+    assert first.predicted == pytest.approx(first.rmse.after, rel=0.03)
+    assert first.rmse.after < 0.4

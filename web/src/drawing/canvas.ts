@@ -120,6 +120,38 @@ export function ticks(low: number, high: number, wanted: number): number[] {
   return values;
 }
 
+/** Height of a line of numbers, in pixels. */
+const LINE = 12;
+
+/**
+ * Return ticks whose numbers, centred at their places, do not touch each other; at most as many as wanted.
+ *
+ * @param placeOf where a value is, in pixels: the axis may have any direction.
+ * @param widthOf the width of a number, in pixels.
+ */
+export function ticksApart(
+  low: number,
+  high: number,
+  wanted: number,
+  placeOf: (value: number) => readonly [number, number],
+  widthOf: (text: string) => number,
+): number[] {
+  const areApart = (values: number[]): boolean => {
+    const wide = Math.max(...tickTexts(values).map(widthOf)) + 4;
+    const places = values.map(placeOf);
+    return places.every((here, k) => {
+      const before = places[k - 1];
+      return before === undefined || Math.abs(here[0] - before[0]) >= wide || Math.abs(here[1] - before[1]) >= LINE;
+    });
+  };
+  for (let most = wanted; most > 1; most--) {
+    const values = ticks(low, high, most);
+    if (values.length > 1 && areApart(values)) return values;
+  }
+  // one round number says nothing of the scale
+  return high > low && areApart([low, high]) ? [low, high] : [low];
+}
+
 /** Return the powers of ten within a range, with 2 and 5 times these if they are few. */
 export function logTicks(low: number, high: number): number[] {
   const [from, to] = [Math.floor(Math.log10(low)), Math.ceil(Math.log10(high))];

@@ -1,6 +1,6 @@
 // A surface over two axes: values in colour, a reference as a grey ghost. Plain 2D canvas, far faces first.
 
-import { extent, type Pen, type Range, ticks, tickTexts, widened } from "./canvas";
+import { extent, type Pen, type Range, ticks, ticksApart, tickTexts, widened } from "./canvas";
 import { css, height as heightColour, isDark, type Rgb, token } from "./colours";
 import { hatch, ring } from "./marks";
 import { withUnit } from "./numbers";
@@ -256,9 +256,17 @@ export class Surface {
   private drawBox(pen: Pen): void {
     const { x, y } = this.map;
     const back = this.back();
-    const marks = ({ points }: SurfaceAxis) => ticks(points[0]!, points[points.length - 1]!, 5);
-    const [xs, ys, zs] = [marks(x), marks(y), ticks(...this.range, 4)];
     const place = ({ points }: SurfaceAxis, value: number) => position(points, value);
+    const marks = (axis: SurfaceAxis, corner: (at: number) => [number, number]) => {
+      const placeOf = (value: number) => {
+        const [left, top] = this.camera.project(...corner(place(axis, value)), -ROOF);
+        return [left, top] as const;
+      };
+      const { points } = axis;
+      return ticksApart(points[0]!, points[points.length - 1]!, 5, placeOf, (text) => pen.measureText(text).width);
+    };
+    const [xs, ys] = [marks(x, (at) => [at, -back.y]), marks(y, (at) => [-back.x, at])];
+    const zs = ticks(...this.range, 4);
     pen.lineWidth = 1;
     pen.strokeStyle = token("grid");
     for (const v of xs)

@@ -1,12 +1,12 @@
 // What the function needs and the project lacks, each with a button that adds it.
 
-import { effect } from "@preact/signals";
+import { computed, effect } from "@preact/signals";
 import { newest } from "../connection";
 import { counted, significant } from "../drawing/numbers";
 import { Icon } from "../icons";
 import type { ProposalRow } from "../replies";
 import { scoped } from "../scope";
-import { message, request, screen, settled } from "../store";
+import { message, request, type Screen, screen, settled, state } from "../store";
 
 export const proposals = scoped<ProposalRow[]>([]);
 const problems = scoped<string[]>([]);
@@ -19,9 +19,14 @@ const load = newest(async (_: number) => {
   problems.value = reply.head.problems;
 });
 
+/** The texts that proposals are about, as long as something is missing in them; they do not depend on values. */
+const incomplete = computed(() => {
+  const { project, findings, textRevision } = settled.value;
+  return project !== null && findings.length > 0 ? textRevision : 0;
+});
+
 effect(() => {
-  const { project, findings, revision } = settled.value;
-  if (project !== null && findings.length > 0) load(revision);
+  if (incomplete.value > 0) load(incomplete.value);
   else proposals.value = problems.value = [];
 });
 
@@ -92,10 +97,13 @@ export function Proposals() {
   );
 }
 
+/** The screen that lists them: that of the data, unless the function is text. */
+const proposalsScreen = computed<Screen>(() => (state.value.function.screen === "formula" ? "function" : "data"));
+
 /** Adds all proposals where they are not listed; if one of them is open to choose, shows the list. */
 export function AddProposals() {
   const all = proposals.value;
-  if (all.length === 0) return null;
+  if (all.length === 0 || screen.value === "data" || screen.value === proposalsScreen.value) return null;
   const open = all.filter((each) => !complete(each));
   const title = counted(all.length, "proposal");
   return (
@@ -106,7 +114,7 @@ export function AddProposals() {
       title={all.map((each) => each.title).join("\n")}
       onClick={() => {
         if (open.length === 0) void add(all);
-        else screen.value = "function";
+        else screen.value = proposalsScreen.value;
       }}
     >
       {adding.value ? "Trying them out" : open.length === 0 ? `Add ${title}` : title}

@@ -176,7 +176,8 @@ class _Samples:
     def of(
         cls, compiled: CompiledProblem, family: Family, full: Float, divisions: Divisions, blocks: int
     ) -> "_Samples":
-        channels = {axis.channel: _channel(compiled, axis.channel) for axis in family.axes}
+        names = dict.fromkeys(name for axis in family.axes for name in axis.channels)
+        channels = {name: _channel(compiled, name) for name in names}
         series = _series(compiled, family, full) if family.series else None
         probes = [compiled.values.offsets[name] for name in family.factors]
         numbers = compiled.sample_numbers()
@@ -199,8 +200,17 @@ class _Samples:
             slopes *= self.series[:, self.numbers[chunk.first : chunk.last]].T[:, None, :]
         return slopes
 
-    def located(self, chunk: Chunk) -> tuple[NDArray[np.int32], Float]:
-        return located(self.family.axes, self.channels, self.numbers[chunk.first : chunk.last])
+    def corners(self, chunk: Chunk) -> list[tuple[NDArray[np.int32], Float, Float]]:
+        """Return cells and shares as `located` does, and the weight of each sample; of maps for both rows of a cell."""
+        family = self.family
+        cells, shares = located(family.axes, self.channels, self.numbers[chunk.first : chunk.last])
+        if not family.grid:
+            return [(cells, shares, np.ones(chunk.length))]
+        rows, width = (len(axis.points) for axis in family.axes)
+        first = np.ascontiguousarray(cells[:, :1] * width + cells[:, 1:] - rows)
+        across, along = shares[:, 0], np.ascontiguousarray(shares[:, 1:])
+        second = first + np.int32(width)
+        return [(first, along, 1 - across), (second, along, across)]
 
 
 def _channel(compiled: CompiledProblem, name: str) -> Float:
@@ -246,15 +256,23 @@ class _SparseShare:
         # those of the probes themselves are not needed
         wanted = np.ones(samples.compiled.values.free, dtype=bool)
         wanted[[at for name, at in samples.compiled.values.offsets.items() if is_probe(name)]] = False
-        self._products = HatProducts(wanted, sum(family.hats), len(family.factors), samples.blocks + 1)
+        sizes = (sum(family.hats), len(family.factors), samples.blocks + 1)
+        self._products = HatProducts(wanted, *sizes)
+        self._across = HatProducts(np.zeros_like(wanted), *sizes) if family.grid else None
 
     def add(self, space: Workspace, chunk: Chunk, begins: bool) -> None:
         samples = self._samples
-        cells, shares = samples.located(chunk)
+        corners = samples.corners(chunk)
         blocks = np.ascontiguousarray(samples.block_of[chunk.first : chunk.last])
         slopes = samples.factors(space, chunk)
         for output in range(space.weight.shape[1]):
-            self._products.add(space, chunk, output, slopes[:, output], cells, shares, blocks)
+            for cells, shares, weight in corners:
+                factors = slopes[:, output] * weight[:, None]
+                self._products.add(space, chunk, output, factors, cells, shares, blocks)
+            if self._across is not None:
+                (cells, shares, below), (_, _, above) = corners
+                factors = slopes[:, output] * np.sqrt(below * above)[:, None]
+                self._across.add(space, chunk, output, factors, cells, shares, blocks)
 
     def sums(self) -> FamilySums:
         products, family = self._products, self._samples.family
@@ -268,9 +286,35 @@ class _SparseShare:
                 matrix[:, place, place] = products.squares[:, rows, at]
                 between = products.neighbours[:, rows, at][:, :-1]
                 matrix[:, place[:-1], place[1:]] = matrix[:, place[1:], place[:-1]] = between
+                if self._across is not None:
+                    _add_across(matrix, self._across, at, len(family.axes[1].points))
                 own.append(matrix)
         free, blocks = len(products.jb), len(products.br)
         return FamilySums(products.jb.reshape(free, -1), squares, products.br.reshape(blocks, -1))
+
+
+def _add_across(matrix: Float, across: HatProducts, at: int, width: int) -> None:
+    """Add the products of the hats of neighbouring rows of a map, with one factor.
+
+    Those of the samples of a cell (i, j) with a between the rows and b along them are a (1 - a) times (1 - b)^2, b^2
+    and b (1 - b): the products of the hats j and j + 1 of one row, with a factor that is the root of a (1 - a).
+
+    Args:
+        matrix: Float[blocks, hats, hats].
+        across: products with that factor, kept in the row i.
+        at: number of the factor.
+        width: hats of a row.
+    """
+    place = np.arange(matrix.shape[1] - width)
+    squares, between = across.squares[:, place, at], across.neighbours[:, place[:-1], at]
+    for below, above, product in (
+        (place, place + width, squares),
+        (place[:-1], place[:-1] + width + 1, between),
+        (place[1:], place[:-1] + width, between),
+    ):
+        # of rows with two hats, the last pair lies where a row has its own products, and is 0
+        matrix[:, below, above] += product
+        matrix[:, above, below] += product
 
 
 class _CarriedShare:
@@ -288,21 +332,33 @@ class _CarriedShare:
 
     def add(self, space: Workspace, chunk: Chunk, begins: bool) -> None:
         samples = self._samples
-        cells, shares = samples.located(chunk)
+        places, sides = self._hats_of(samples.corners(chunk))
         slopes = samples.factors(space, chunk)
         if begins:
-            self._begin(space, chunk, cells, shares)
+            self._begin(space, chunk, places[0], sides[0])
         residual, jacobian = space.rows(chunk)
         residual, outputs = np.nan_to_num(residual), space.weight.shape[1]
         for first in range(0, chunk.length, ROWS):
             part = slice(first, min(first + ROWS, chunk.length))
-            index, slope = self._entries(cells[part], shares[part], slopes[part])
+            index, slope = self._entries(places[part], sides[part], slopes[part])
             rows = self._rows.over(space, first, index, slope)
             own = slice(part.start * outputs, part.stop * outputs)
             self._jb += jacobian[own].T @ rows
             self._add_products(np.repeat(samples.block_of[chunk.first :][part], outputs), residual[own], rows)
 
-    def _begin(self, space: Workspace, chunk: Chunk, cells: NDArray[np.int32], shares: Float) -> None:
+    def _hats_of(self, corners: list[tuple[NDArray[np.int32], Float, Float]]) -> tuple[NDArray[np.int32], Float]:
+        """Return the hats that are not 0 at each sample, and their weights; [samples, hats] each."""
+        places: list[NDArray[np.int32]] = []
+        sides: list[Float] = []
+        for cells, shares, weight in corners:
+            places.append(cells)
+            sides.append((1 - shares) * weight[:, None])
+            if self._hats != (1,):
+                places.append(cells + np.int32(1))
+                sides.append(shares * weight[:, None])
+        return np.concatenate(places, axis=1), np.concatenate(sides, axis=1)
+
+    def _begin(self, space: Workspace, chunk: Chunk, places: NDArray[np.int32], sides: Float) -> None:
         """Set the sensitivities at the start of a piece, whose first values may depend on the nodes."""
         samples = self._samples
         space.begin_sensitivities(chunk.first, add_start=False)
@@ -313,20 +369,15 @@ class _CarriedShare:
             # series are 0 there: a lag or a delay starts with the value itself
             if slope is None or samples.series is not None:
                 continue
-            for cell, share in zip(cells[0], shares[0], strict=True):
-                first[:, cell * self._factors + at] += (1 - share) * slope
-                if share:
-                    first[:, (cell + 1) * self._factors + at] += share * slope
+            for place, side in zip(places, sides, strict=True):
+                first[:, place * self._factors + at] += side * slope
         self._rows.begin(first)
 
-    def _entries(self, cells: NDArray[np.int32], shares: Float, slopes: Float) -> tuple[NDArray[np.int32], Float]:
-        """Return columns and slopes of the entries of some samples, [samples, axes * 2 * factors] and [..., rows]."""
-        single = self._hats == (1,)
-        sides = np.stack([1 - shares] if single else [1 - shares, shares], axis=2)
-        places = np.stack([cells] if single else [cells, cells + 1], axis=2)
+    def _entries(self, places: NDArray[np.int32], sides: Float, slopes: Float) -> tuple[NDArray[np.int32], Float]:
+        """Return columns and slopes of the entries of some samples, [samples, hats * factors] and [..., rows]."""
         index = places[..., None] * self._factors + np.arange(self._factors, dtype=np.int32)
-        values = sides[..., None, None] * slopes.transpose(0, 2, 1)[:, None, None]
-        count = len(cells)
+        values = sides[..., None, None] * slopes.transpose(0, 2, 1)[:, None]
+        count = len(places)
         shaped = np.ascontiguousarray(index.reshape(count, -1), dtype=np.int32)
         return shaped, np.ascontiguousarray(values.reshape(count, shaped.shape[1], -1))
 
@@ -339,9 +390,14 @@ class _CarriedShare:
             self._br[block] += residual[here] @ own
             for total, hats in zip(self._squares, self._hats, strict=True):
                 columns = own[:, column : column + hats * self._factors]
+                column += hats * self._factors
+                if self._samples.family.grid:
+                    # a map has so many hats that the products of different factors would take most of the time
+                    by_factor = np.ascontiguousarray(columns.reshape(len(own), hats, self._factors).transpose(2, 0, 1))
+                    total[block] += by_factor.transpose(0, 2, 1) @ by_factor
+                    continue
                 product = (columns.T @ columns).reshape(hats, self._factors, hats, self._factors)
                 total[block] += product[:, each, :, each]
-                column += hats * self._factors
 
     def sums(self) -> FamilySums:
         squares = [[np.ascontiguousarray(total[:, at]) for total in self._squares] for at in range(self._factors)]

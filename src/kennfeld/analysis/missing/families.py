@@ -1,5 +1,6 @@
 """Families of candidates: columns that are hat functions of channels, or series in time, times the slope by a node."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TypeVar
 
@@ -41,6 +42,40 @@ class HatAxis:
         shares = np.clip((values - points[cells]) / np.diff(points)[cells], 0.0, 1.0)
         return cells, shares
 
+    def place(self, columns: Mapping[str, Float], numbers: Int) -> tuple[Int, Float]:
+        """Return what `locate` does of samples of the data."""
+        return self.locate(columns[self.channel][numbers])
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The channels of the data that are read."""
+        return (self.channel,)
+
+
+@dataclass(frozen=True)
+class ProductAxis:
+    """The product of two channels, each by its place between the breakpoints, from -1 to 1, as an axis of two hats.
+
+    One column tells whether two channels act together, for a small part of what all values of a map cost.
+    """
+
+    first: HatAxis
+    second: HatAxis
+    points: tuple[float, ...] = (-1.0, 1.0)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The channels of the data that are read."""
+        return (self.first.channel, self.second.channel)
+
+    def place(self, columns: Mapping[str, Float], numbers: Int) -> tuple[Int, Float]:
+        """Return the hat before the product of each sample, always the first, and the weight of the other one."""
+        product = np.ones(numbers.size)
+        for axis in (self.first, self.second):
+            cells, shares = axis.place(columns, numbers)
+            product *= 2 * (cells + shares) / (len(axis.points) - 1) - 1
+        return np.zeros(numbers.size, dtype=np.int64), 0.5 * (1 + product)
+
 
 @dataclass(frozen=True)
 class Series:
@@ -66,16 +101,20 @@ class Family:
         terms: by factor, then by axis.
         axes: of channels; none if the columns are series.
         series: what each factor is multiplied with, if there are no axes.
+        grid: True for maps over the two axes, whose hats are the products of those of the axes.
     """
 
     factors: tuple[str, ...]
     terms: tuple[tuple[MissingTerm, ...], ...]
-    axes: tuple[HatAxis, ...] = ()
+    axes: tuple[HatAxis | ProductAxis, ...] = ()
     series: tuple[Series, ...] = ()
+    grid: bool = False
 
     @property
     def hats(self) -> tuple[int, ...]:
-        """Number of hats of each axis."""
+        """Number of hats of each axis, or of the map."""
+        if self.grid:
+            return (math.prod(len(axis.points) for axis in self.axes),)
         return tuple(len(axis.points) for axis in self.axes) or (1,)
 
 
@@ -91,20 +130,57 @@ def channel_families(
         constant: nodes that are constant, to which adding a curve is the same as scaling by it.
         values: number of free values.
     """
-    names: dict[Kind, Callable[[int], str]] = {"add": offset, "multiply": factor}
-    pairs = [
-        (name(number), node, kind)
-        for number, node in enumerate(probes.nodes)
-        for kind, name in names.items()
-        if kind in kinds and not (kind == "add" and node in constant and "multiply" in kinds)
-    ]
-    for some in _groups(pairs, MAX_FACTORS):
+    for some in _groups(_places(probes, kinds, constant), MAX_FACTORS):
         most = max(min(MAX_ENTRIES // max(values, 1), MAX_COLUMNS) // len(some), 1)
         for own in _by_hats(axes, most):
             terms = tuple(
                 tuple(MissingTerm(node, kind, axis.name, axis.points) for axis in own) for _, node, kind in some
             )
             yield Family(tuple(name for name, _, _ in some), terms, own)
+
+
+def _places(probes: Probes, kinds: Sequence[Kind], constant: frozenset[str]) -> list[tuple[str, str, Kind]]:
+    """Return probe, node and kind of each place where a table of channels may be missing."""
+    names: dict[Kind, Callable[[int], str]] = {"add": offset, "multiply": factor}
+    return [
+        (name(number), node, kind)
+        for number, node in enumerate(probes.nodes)
+        for kind, name in names.items()
+        if kind in kinds and not (kind == "add" and node in constant and "multiply" in kinds)
+    ]
+
+
+def product_families(
+    probes: Probes, pairs: Sequence[tuple[HatAxis, HatAxis]], kind: Kind, values: int
+) -> Iterator[Family]:
+    """Yield the families of products of two channels; see `channel_families`."""
+    for some in _groups(_places(probes, [kind], frozenset()), MAX_FACTORS):
+        most = max(min(MAX_ENTRIES // max(values, 1), MAX_COLUMNS) // len(some) // 2, 1)
+        for own in _groups(pairs, most):
+            terms = tuple(
+                tuple(MissingTerm(node, each, a.name, a.points, second=b.name) for a, b in own)
+                for _, node, each in some
+            )
+            yield Family(tuple(name for name, _, _ in some), terms, tuple(ProductAxis(a, b) for a, b in own))
+
+
+def map_families(
+    probes: Probes,
+    pairs: Sequence[tuple[HatAxis, HatAxis]],
+    kinds: Sequence[Kind],
+    constant: frozenset[str],
+    values: int,
+) -> Iterator[Family]:
+    """Yield the families of maps of two channels, one pair each; see `channel_families`."""
+    for a, b in pairs:
+        size = len(a.points) * len(b.points)
+        most = max(min(MAX_ENTRIES // max(values, 1), MAX_COLUMNS) // size, 1)
+        for some in _groups(_places(probes, kinds, constant), min(most, MAX_FACTORS)):
+            terms = tuple(
+                (MissingTerm(node, kind, a.name, a.points, second=b.name, second_breakpoints=b.points),)
+                for _, node, kind in some
+            )
+            yield Family(tuple(name for name, _, _ in some), terms, (a, b), grid=True)
 
 
 def offset_families(probes: Probes, constant: frozenset[str], recordings: int) -> Iterator[Family]:
@@ -155,7 +231,9 @@ def with_series(graph: Graph, series: Sequence[Series]) -> Graph:
     return b.finish(names, graph.units, graph.outputs)
 
 
-def located(axes: Sequence[HatAxis], columns: Mapping[str, Float], numbers: Int) -> tuple[NDArray[np.int32], Float]:
+def located(
+    axes: Sequence[HatAxis | ProductAxis], columns: Mapping[str, Float], numbers: Int
+) -> tuple[NDArray[np.int32], Float]:
     """Return for some samples the first hat of each axis, counted over all axes, and the weight of the next one.
 
     Args:
@@ -170,7 +248,7 @@ def located(axes: Sequence[HatAxis], columns: Mapping[str, Float], numbers: Int)
     shares = np.zeros(cells.shape)
     first = 0
     for at, axis in enumerate(axes):
-        own, shares[:, at] = axis.locate(columns[axis.channel][numbers])
+        own, shares[:, at] = axis.place(columns, numbers)
         cells[:, at] = own + first
         first += len(axis.points)
     return cells, shares

@@ -181,9 +181,9 @@ class TermProposal:
             "steps": self.term.steps or None,
             "offsets": {name: _rounded(value) for name, value in self.offsets.items()},
             "breakpoints": [] if self.offsets else list(self.term.breakpoints),
-            "values": []
-            if self.parameter is None or self.offsets
-            else _rounded_together(self.parameter.values.ravel()),
+            "second_channel": self.term.second,
+            "second_breakpoints": list(self.term.second_breakpoints),
+            "values": [] if self.parameter is None or self.offsets else _rounded_together(self.parameter.values),
         }
 
 
@@ -264,10 +264,16 @@ class TermProposals:
         return "\n".join(self.lines())
 
 
-def _rounded_together(values: Float) -> list[float | None]:
-    """Return numbers with six digits of the largest of them."""
+def _rounded_together(values: Float) -> list[Any]:
+    """Return numbers with six digits of the largest of them; those of a map as rows."""
     largest = float(np.abs(values).max(initial=0.0)) or 1.0
-    return [_rounded(round(value / largest, 6) * largest) for value in values.tolist()]
+
+    def nested(part: Float) -> list[Any]:
+        if part.ndim > 1:
+            return [nested(row) for row in part]
+        return [_rounded(round(value / largest, 6) * largest) for value in part.ravel().tolist()]
+
+    return nested(values)
 
 
 def _rounded(number: float) -> float | None:

@@ -3,39 +3,27 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from kennfeld.analysis.missing.channels import Channels
+from kennfeld.analysis.missing.independence import Beside
+from kennfeld.analysis.missing.judging import Judge, error_of
+from kennfeld.analysis.missing.map_scoring import map_kinds
+from kennfeld.analysis.missing.map_search import MapSearch
 from kennfeld.analysis.missing.probes import Nodes
-from kennfeld.analysis.missing.proposal import (
-    EqualPlace,
-    HeldOutErrors,
-    RmseChange,
-    TermProposal,
-    TermProposals,
-)
+from kennfeld.analysis.missing.proposal import TermProposal, TermProposals
 from kennfeld.analysis.missing.recordings import numbered
-from kennfeld.analysis.missing.refit import (
-    Addition,
-    HeldOut,
-    held_out_squares,
-    hold_out,
-    mean_squares,
-    pooled,
-    refit_options,
-)
+from kennfeld.analysis.missing.refit import Addition, mean_squares, refit_options
 from kennfeld.analysis.missing.scoring import Scored, score_problem
 from kennfeld.analysis.missing.settled import settled_problem
-from kennfeld.analysis.missing.shortlist import LEVEL, CandidateGroup, shortlist
-from kennfeld.analysis.missing.terms import KINDS, Kind, describe
+from kennfeld.analysis.missing.shortlist import CandidateGroup, alike, shortlist
+from kennfeld.analysis.missing.terms import FORMS, Form, describe
 from kennfeld.base.arrays import ignore_floating_errors
 from kennfeld.base.errors import ArgumentError, renamed
 from kennfeld.base.formatting import nearest
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.domain.dataset import Use
-from kennfeld.domain.parameters import Parameter
 from kennfeld.optimize.fit.result import Result
 from kennfeld.optimize.problem.options import Options
 from kennfeld.optimize.problem.partitions import Partition, join_files
@@ -45,7 +33,6 @@ from kennfeld.optimize.search.isolated_call import isolated
 from kennfeld.optimize.search.multistart import run
 
 UNFINISHED = 1e-3  # share of the cost that the values themselves would take off, from which a fit has not ended
-MARGIN = 5e-3  # of the held-out RMSE, by which a term must lower it
 FEWEST = 20  # samples more than there are values
 
 Report = Callable[[str], None]
@@ -75,7 +62,7 @@ class SearchScope:
 
     channels: Sequence[str] = ("*",)
     nodes: Sequence[str] = ("*",)
-    kinds: Sequence[Kind] = KINDS
+    kinds: Sequence[Form] = FORMS
     least: float = 0.0
 
     def check(self) -> None:
@@ -84,8 +71,8 @@ class SearchScope:
             if isinstance(patterns, str):
                 raise ArgumentError(f"{name}={patterns!r} must be a list: {name}=[{patterns!r}]")
         for kind in self.kinds:
-            if kind not in KINDS:
-                remedy = nearest(kind, KINDS) or f"Use {', '.join(KINDS)}."
+            if kind not in FORMS:
+                remedy = nearest(kind, FORMS) or f"Use {', '.join(FORMS)}."
                 raise ArgumentError(f"kinds: unknown kind {kind!r}. {remedy}")
         if not self.least >= 0:
             raise ArgumentError(f"least must be >= 0, got {self.least!r}")
@@ -99,7 +86,7 @@ def propose(
     *,
     channels: Sequence[str] = ("*",),
     nodes: Sequence[str] = ("*",),
-    kinds: Sequence[Kind] = KINDS,
+    kinds: Sequence[Form] = FORMS,
     least: float = 0.0,
     options: Options | None = None,
     progress: Report | None = None,
@@ -119,8 +106,8 @@ def propose(
         target: the channel that the model's output shall follow.
         channels: glob patterns of the channels that take part.
         nodes: glob patterns of the nodes that take part.
-        kinds: `add` and `multiply` by a curve of a channel, `lag` by a PT1, `delay` by steps, `offset` of each
-            recording.
+        kinds: `add` and `multiply` by a curve of a channel, `map` by one over two channels, `lag` by a PT1, `delay` by
+            steps, `offset` of each recording.
         least: effect that a proposal must explain on held-out data, in the unit of the target.
         options: of the fits.
         progress: called with lines of text.
@@ -171,8 +158,9 @@ class _TermSearch:
         problem = _with_whole_files(problem)
         if "offset" in scope.kinds:
             problem, self._names = numbered(problem)
-        self._base = self._fitted(problem)
         self._unit = _unit(problem)
+        base, result = self._fitted(problem)
+        self._judge = Judge(base, result, options, scope.least, self._names, self._unit)
 
     def _fitted(self, problem: Problem) -> tuple[Problem, Result]:
         """Return the problem at its minimum, with automatic settings as they were chosen, and the fit."""
@@ -186,7 +174,7 @@ class _TermSearch:
         return settled_problem(problem, result), result
 
     def proposals(self) -> TermProposals:
-        problem, result = self._base
+        problem, result = self._judge.problem, self._judge.result
         samples = mean_squares(result.quality, "training")[1]
         if samples < problem.free_size + FEWEST:
             message = f"{samples} samples are too few for {problem.free_size} values: no term can be judged."
@@ -229,13 +217,20 @@ class _TermSearch:
             )
 
         def tell(kept: list[TermProposal], rejected: list[str]) -> None:
-            partial = known(sorted(kept, key=_error), rejected, "unfinished", "")
+            partial = known(sorted(kept, key=error_of), rejected, "unfinished", "")
             self._watch(PartialSearch(partial, len(kept) + len(rejected), len(groups)))
 
         tell([], [])
         kept, rejected = self._judged(groups, scored, tell) if groups else ([], [])
-        kept.sort(key=_error)
-        kept = self._independent(kept, rejected, channels, nodes, len(scored.scores))
+        kept.sort(key=error_of)
+        kinds = map_kinds(self._scope.kinds)
+        beside = Beside(self._judge, channels, nodes, self._report)
+        kept, extended = beside.independent(kept, rejected, len(scored.scores), follows=bool(kinds))
+        if kinds:
+            search = MapSearch(self._judge, channels, nodes, self._report)
+            maps = search.proposals(kinds, kept, extended, scored, rejected)
+            if maps:
+                kept, _ = beside.independent(sorted([*kept, *maps], key=error_of), rejected, len(scored.scores))
         return known(kept, rejected, "found" if kept else "none", self._message(kept, smallest))
 
     def _message(self, kept: Sequence[TermProposal], smallest: float) -> str:
@@ -252,145 +247,20 @@ class _TermSearch:
         tell: Callable[[list[TermProposal], list[str]], None],
     ) -> tuple[list[TermProposal], list[str]]:
         """Return the proposals, and in words the candidates that are no better on data that their fit has not seen."""
-        problem, _ = self._base
         self._report("fitting the function to parts of the data")
         kept: list[TermProposal] = []
         rejected: list[str] = []
-        held_out: dict[bool, tuple[str, list[HeldOut]]] = {}
         for number, group in enumerate(groups, 1):
             self._report(f"fitting candidate {number} of {len(groups)}: {describe(group.best.term)}")
-            addition = Addition.of(problem, group.best)
-            whole = group.best.term.kind != "offset"
-            if whole not in held_out:
-                held_out[whole] = hold_out(problem, self._options, whole=whole)
-            change = self._held_out(*held_out[whole], addition)
-            reason = self._fault(change)
-            if reason:
+            group = self._judge.after_few_steps(group, alike(scored.scores, group), scored.weights)
+            addition = Addition.of(self._judge.problem, group.best)
+            change = self._judge.held_out(*self._judge.parts(whole=group.best.term.kind != "offset"), addition)
+            if reason := self._judge.fault(change):
                 rejected.append(f"{describe(group.best.term)}: {reason}")
             else:
-                kept.append(self._proposal(group, scored, addition, change))
+                kept.append(self._judge.proposal(group, addition, change, len(scored.scores), scored.weights))
             tell(kept, rejected)
         return kept, rejected
-
-    def _independent(
-        self,
-        kept: Sequence[TermProposal],
-        rejected: list[str],
-        channels: Channels,
-        nodes: Nodes,
-        candidates: int,
-    ) -> list[TermProposal]:
-        """Return the proposals that explain what the better ones leave, and are not mere copies of what these do."""
-        chosen: list[TermProposal] = []
-        problem = self._base[0]
-        for proposal in kept:
-            if chosen and not (
-                self._is_significant(problem, proposal, channels, nodes, candidates)
-                and self._is_better_still(problem, proposal)
-            ):
-                rejected.append(f"{proposal.change}: explains what better proposals explain")
-                continue
-            chosen.append(proposal)
-            if len(kept) > 1 and proposal.addition is not None:
-                self._report(f"fitting the function with {len(chosen)} of the proposals")
-                extended = proposal.addition.to(problem, problem.parameters)
-                problem = replace(extended, parameters=run(extended, self._options).parameters)
-        return chosen
-
-    def _is_significant(
-        self, problem: Problem, proposal: TermProposal, channels: Channels, nodes: Nodes, candidates: int
-    ) -> bool:
-        term = proposal.term
-        own = Channels(tuple(axis for axis in channels.axes if axis.name == term.channel), {})
-        place = Nodes((term.node,), nodes.constant & {term.node})
-        scores = score_problem(problem, own, place, [term.kind]).scores
-        return min((score.p for score in scores), default=1.0) * candidates < LEVEL
-
-    def _is_better_still(self, problem: Problem, proposal: TermProposal) -> bool:
-        """Return if a proposal lowers the error on held-out parts of the function with the better ones."""
-        if proposal.addition is None:
-            return False
-        name, parts = hold_out(problem, self._options, whole=proposal.term.kind != "offset")
-        return not self._fault(self._held_out(name, parts, proposal.addition))
-
-    def _held_out(self, name: str, parts: Sequence[HeldOut], addition: Addition) -> "HeldOutChange":
-        """Return the errors on held-out parts, up to the part with which they can no longer be lower."""
-        squares = held_out_squares(parts, addition, self._options)
-        before = pooled([part.squares for part in parts[: len(squares)]], parts)
-        better = sum(after < part.squares for after, part in zip(squares, parts, strict=False))
-        errors = tuple(
-            HeldOutErrors(part.name, part.samples, RmseChange(float(np.sqrt(part.squares)), float(np.sqrt(after))))
-            for part, after in zip(parts, squares, strict=False)
-        )
-        return HeldOutChange(RmseChange(before, pooled(squares, parts)), name, better, len(parts), errors)
-
-    def _fault(self, change: "HeldOutChange") -> str:
-        """Return why a candidate is not proposed, given its errors on all held-out parts; "" if it is."""
-        if len(change.errors) < change.parts:
-            return f"no better on held-out {change.name} ({change.rmse})"
-        # of most parts, not of one alone that is far off
-        if not change.rmse.after < (1 - MARGIN) * change.rmse.before or 2 * change.better <= change.parts:
-            share = f"better in {change.better} of {change.parts} parts"
-            return f"no better on held-out {change.name} ({change.rmse}, {share})"
-        if change.rmse.explained < self._scope.least:
-            return f"explains {change.rmse.explained:.3g} on held-out {change.name}, less than {self._scope.least:g}"
-        return ""
-
-    def _proposal(
-        self, group: CandidateGroup, scored: Scored, addition: Addition, change: "HeldOutChange"
-    ) -> TermProposal:
-        problem, result = self._base
-        term = group.best.term
-        refit = run(addition.to(problem, problem.parameters), self._options)
-        parameter = None if addition.parameter is None else refit.parameters[addition.parameter.name]
-        if parameter is not None and term.kind == "lag":
-            term = replace(term, seconds=float(parameter.values))
-        test = _change(result, refit, "test")
-        location = problem.model.locations.get(term.node)
-        return TermProposal(
-            term=term,
-            equal_places=tuple(
-                EqualPlace(s.term.node, s.term.kind, s.term.channel, Addition.of(problem, s)) for s in group.equal
-            ),
-            rmse=_change(result, refit, "training"),
-            held_out=change.rmse,
-            held_name=change.name,
-            test=None if np.isnan(test.before) else test,
-            predicted=float(np.sqrt(max(group.best.predicted, 0.0) / scored.weights)),
-            probability=min(group.best.p * len(scored.scores), 1.0),
-            parameter=parameter,
-            better=change.better,
-            parts=change.parts,
-            unit=self._unit,
-            location="" if location is None else str(location),
-            addition=addition,
-            offsets=self._offsets(parameter) if term.kind == "offset" else {},
-            held_out_parts=change.errors,
-            fit=refit,
-        )
-
-    def _offsets(self, parameter: Parameter | None) -> dict[str, float]:
-        values = [] if parameter is None else parameter.values.tolist()
-        return dict(zip(self._names, values, strict=False))
-
-
-class HeldOutChange(NamedTuple):
-    """The errors on the held-out parts that were tried, what was held out, and how many parts are better."""
-
-    rmse: RmseChange
-    name: str
-    better: int
-    parts: int
-    errors: tuple[HeldOutErrors, ...]
-
-
-def _error(proposal: TermProposal) -> tuple[bool, float]:
-    """Return the order: recordings held out whole are harder to meet than the parts of them that judge an offset."""
-    return proposal.term.kind == "offset", float(f"{proposal.held_out.after:.6g}")
-
-
-def _change(before: Result, after: Result, use: Use) -> RmseChange:
-    return RmseChange(*(float(np.sqrt(mean_squares(each.quality, use)[0])) for each in (before, after)))
 
 
 def _with_whole_files(problem: Problem) -> Problem:

@@ -46,8 +46,9 @@ class Addition:
 
     Attributes:
         term: the term.
-        parameter: the new parameter without effect; None for a delay.
-        smoothness: of a curve.
+        parameter: the new parameter without effect; None for a delay. Values of a map whose effect the function can
+            take over are locked.
+        smoothness: of a curve or map, on each axis.
         pin: holds one value of a curve whose size the function can take over, or the offset of recordings that were
             not fitted; None for others.
         constraints: that offsets of recordings have no mean, if the function can take it over.
@@ -75,6 +76,10 @@ class Addition:
             free = score.columns == len(numbers)
             return cls(term, parameter, 0.0, Pin(label, (others,), 0.0), () if free else (mean,))
         smoothness = float(f"{SMOOTHNESS * score.curvature:.0e}")
+        if term.second:
+            locked = np.zeros(parameter.size, dtype=bool)
+            locked[list(score.idle)] = True
+            return cls(term, parameter.changed(locked=locked.reshape(parameter.values.shape)), smoothness)
         if score.columns == parameter.size:
             return cls(term, parameter, smoothness)
         middle = parameter.size // 2
@@ -87,7 +92,8 @@ class Addition:
         model = extended_model(problem.model, self.term, name)
         if self.parameter is None:
             return replace(problem, model=model, parameters=parameters)
-        smooth = {name: (self.smoothness,)} if self.smoothness and self.parameter.axes else {}
+        axes = len(self.parameter.axes)
+        smooth = {name: (self.smoothness,) * axes} if self.smoothness and axes else {}
         return replace(
             problem,
             model=model,

@@ -55,6 +55,7 @@ class TermScore:
         curvature: mean curvature of the cost by the values of a curve.
         whole: reduction of the cost by a term without a value of its own, such as a delay; the gain is that of a
             multiple of it.
+        idle: numbers of the values of a map that can stay as they are, as the function can take over their effect.
     """
 
     term: MissingTerm
@@ -65,6 +66,7 @@ class TermScore:
     p: float
     curvature: float = 0.0
     whole: float | None = None
+    idle: tuple[int, ...] = ()
 
     @property
     def merit(self) -> float:
@@ -180,7 +182,8 @@ class Linearisation:
             size = 1 / directions[0, 0]
             whole = -float(2 * size * pull[0] + size**2)
             predicted = self.cost - self.own_gain - whole - self._rougher(white, np.ones(1))
-        return TermScore(term, gain, columns, dispersion, predicted, p, float(own.mean()), whole)
+        idle = _idle_values(left, term, columns) if term.second_breakpoints else ()
+        return TermScore(term, gain, columns, dispersion, predicted, p, float(own.mean()), whole, idle)
 
     def _significance(self, pull: Float, constant: Float, scatter: tuple[Float, Float] | None) -> tuple[float, float]:
         """Return the probability of a gain at least as large without a missing term, and the dispersion.
@@ -246,6 +249,27 @@ class Linearisation:
             return 0.0
         values = -self._whitening.T @ (self._pull + white @ step)
         return float(values @ (2 * self._rough_gradient + self._roughness @ values))
+
+
+def _idle_values(left: Float, term: MissingTerm, columns: int) -> tuple[int, ...]:
+    """Return the numbers of the values of a map without which the others explain as much.
+
+    A function that has a curve of the first channel can take over what the map says at one place of the second one, for
+    all of the first, and so on: the middle lines of the map, or its middle value, can stay as they are.
+
+    Args:
+        left: what the function leaves of the products of the columns, in their units; Float[values, values].
+        term: the map.
+        columns: independent ones.
+    """
+    shape = len(term.breakpoints), len(term.second_breakpoints)
+    numbers = np.arange(shape[0] * shape[1]).reshape(shape)
+    row, column = numbers[shape[0] // 2], numbers[:, shape[1] // 2]
+    for idle in (np.union1d(row, column), row, column, np.intersect1d(row, column)):
+        others = np.setdiff1d(numbers, idle)
+        if others.size and int((np.linalg.eigvalsh(left[np.ix_(others, others)]) > EXPLAINED).sum()) == columns:
+            return tuple(idle.tolist())
+    return ()
 
 
 def _equal_directions(pulls: Float) -> float:

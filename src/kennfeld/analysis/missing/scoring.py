@@ -1,6 +1,6 @@
 """The scores of all candidates of a problem, from one linearisation."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -25,7 +25,7 @@ from kennfeld.analysis.missing.probes import Nodes, Probes, factor, offset
 from kennfeld.analysis.missing.recordings import recording_count
 from kennfeld.analysis.missing.score import Linearisation, TermScore, smallest_gain
 from kennfeld.analysis.missing.shortlist import LEVEL, significant
-from kennfeld.analysis.missing.terms import OF_CHANNELS, Kind
+from kennfeld.analysis.missing.terms import OF_CHANNELS, Form
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.threads import blas_threads
 from kennfeld.optimize.problem.problem import Problem
@@ -68,7 +68,7 @@ class Scored:
 
 
 def score_problem(
-    problem: Problem, channels: Channels, nodes: Nodes, kinds: Sequence[Kind], lags: int = LAGS
+    problem: Problem, channels: Channels, nodes: Nodes, kinds: Sequence[Form], lags: int = LAGS
 ) -> Scored:
     """Score all candidates at the values of a problem.
 
@@ -76,13 +76,13 @@ def score_problem(
         problem: with its values, without automatic settings.
         channels: that take part.
         nodes: that take part.
-        kinds: that take part.
+        kinds: that take part; maps are scored by `score_maps`.
         lags: time constants that are tried.
     """
     probes = Probes.of(problem, nodes.names)
     compiled = CompiledProblem(probes.problem)
     with blas_threads(compiled.values.free):
-        scorer = _Scorer.of(compiled, probes, BLOCKS)
+        scorer = Scorer.of(compiled, probes, BLOCKS)
         linear = scorer.linear
         scores = [*scorer.scores(_families(problem, probes, channels, nodes, kinds, lags, compiled))]
         if "delay" in kinds:
@@ -100,8 +100,16 @@ def score_problem(
 
 
 @dataclass(frozen=True)
-class _Scorer:
-    """Scores families by one linearisation, with the recordings divided into blocks."""
+class Scorer:
+    """Scores families by one linearisation, with the recordings divided into blocks.
+
+    Attributes:
+        compiled: the problem with probes.
+        probes: the nodes.
+        linear: the linearisation.
+        divisions: of the recordings into blocks.
+        blocks: number of blocks.
+    """
 
     compiled: CompiledProblem
     probes: Probes
@@ -110,7 +118,8 @@ class _Scorer:
     blocks: int
 
     @classmethod
-    def of(cls, compiled: CompiledProblem, probes: Probes, blocks: int) -> "_Scorer":
+    def of(cls, compiled: CompiledProblem, probes: Probes, blocks: int = BLOCKS) -> "Scorer":
+        """Linearise a problem."""
         holdout = HoldoutBlocks.of(compiled, blocks)
         divisions, count = (holdout.divisions, holdout.sizes.size) if holdout is not None else ({}, 0)
         own: Sequence[BlockSums] = [*compiled.each(block_sums, compiled.start, divisions, count)]
@@ -118,10 +127,12 @@ class _Scorer:
         linear = Linearisation(compiled, compiled.start, merged_blocks(own), names)
         return cls(compiled, probes, linear, divisions, count)
 
-    def finer(self, blocks: int) -> "_Scorer":
-        return _Scorer.of(self.compiled, self.probes, blocks)
+    def finer(self, blocks: int) -> "Scorer":
+        """Return a scorer with more blocks."""
+        return Scorer.of(self.compiled, self.probes, blocks)
 
-    def scores(self, families: Sequence[Family]) -> Iterator[TermScore]:
+    def scores(self, families: Iterable[Family]) -> Iterator[TermScore]:
+        """Yield the scores of the candidates of families."""
         arguments = (self.compiled.start, self.divisions, self.blocks)
         for family in families:
             sums: FamilySums = merged(self.compiled.each(family_sums, family, *arguments))
@@ -133,11 +144,11 @@ def _families(
     probes: Probes,
     channels: Channels,
     nodes: Nodes,
-    kinds: Sequence[Kind],
+    kinds: Sequence[Form],
     lags: int,
     compiled: CompiledProblem,
 ) -> Sequence[Family]:
-    of_channels = [kind for kind in kinds if kind in OF_CHANNELS]
+    of_channels = [kind for kind in OF_CHANNELS if kind in kinds]
     families = [*channel_families(probes, channels.axes, of_channels, nodes.constant, compiled.values.free)]
     moving = [name for name in nodes.names if name not in nodes.constant]
     return [*families, *_series_families(probes, trial_series(problem, moving, kinds, lags), compiled)]
@@ -179,7 +190,7 @@ def _between(first: int, last: int) -> list[int]:
     return sorted({round(x) for x in np.linspace(first, last, count + 2)[1:-1].tolist()} - {first, last})
 
 
-def trial_series(problem: Problem, nodes: Sequence[str], kinds: Sequence[Kind], lags: int = LAGS) -> list[Series]:
+def trial_series(problem: Problem, nodes: Sequence[str], kinds: Sequence[Form], lags: int = LAGS) -> list[Series]:
     """Return the lags and delays that are tried, if all training data have time."""
     datasets = problem.fitted_datasets
     if any(data.time is None or data.settling is not None for data in datasets):

@@ -18,17 +18,23 @@ class CandidateGroup:
     equal: tuple[TermScore, ...]
 
 
-def significant(scores: Sequence[TermScore]) -> list[TermScore]:
-    """Return the scores that chance does not explain, the best first."""
-    improbable = [score for score in scores if score.p * len(scores) < LEVEL and score.merit > 0]
+def significant(scores: Sequence[TermScore], candidates: int = 0) -> list[TermScore]:
+    """Return the scores that chance does not explain, the best first.
+
+    Args:
+        scores: of candidates.
+        candidates: number of all that were tried, if not only these.
+    """
+    tried = max(len(scores), candidates)
+    improbable = [score for score in scores if score.p * tried < LEVEL and score.merit > 0]
     # by few digits, so that the order of equal candidates is that in which they were scored
     return sorted(improbable, key=lambda score: -float(f"{score.merit:.9g}"))
 
 
-def shortlist(scores: Sequence[TermScore], length: int = LENGTH) -> list[CandidateGroup]:
-    """Return the best candidates that explain different things: one for each channel, lag and delay."""
+def shortlist(scores: Sequence[TermScore], length: int = LENGTH, candidates: int = 0) -> list[CandidateGroup]:
+    """Return the best candidates that explain different things: one for each channel, pair of them, lag and delay."""
     groups: list[CandidateGroup] = []
-    rest = significant(scores)
+    rest = significant(scores, candidates)
     while rest and len(groups) < length:
         best = rest[0]
         alike = [score for score in rest if _subject(score) == _subject(best)]
@@ -38,5 +44,10 @@ def shortlist(scores: Sequence[TermScore], length: int = LENGTH) -> list[Candida
     return groups
 
 
+def alike(scores: Sequence[TermScore], group: CandidateGroup) -> list[TermScore]:
+    """Return the significant candidates of the channels, or of the kind, of a group, the best first."""
+    return [score for score in significant(scores) if _subject(score) == _subject(group.best)]
+
+
 def _subject(score: TermScore) -> tuple[str, str]:
-    return (score.term.channel, "") if score.term.channel else ("", score.term.kind)
+    return (score.term.channel, score.term.second) if score.term.channel else ("", score.term.kind)

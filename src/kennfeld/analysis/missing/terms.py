@@ -10,7 +10,7 @@ import numpy as np
 from kennfeld.analysis.missing.recordings import RECORDING
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.domain.parameters import Axis, Curve, Parameter, Scalar
+from kennfeld.domain.parameters import Axis, Curve, Map, Parameter, Scalar
 from kennfeld.graph import Graph, GraphBuilder
 from kennfeld.graph.node import State, extract
 from kennfeld.models import Model
@@ -19,6 +19,8 @@ from kennfeld.models.formula.functions import FUNCTIONS
 Kind = Literal["add", "multiply", "lag", "delay", "offset"]
 KINDS: tuple[Kind, ...] = ("add", "multiply", "lag", "delay", "offset")
 OF_CHANNELS: tuple[Kind, ...] = ("add", "multiply")
+Form = Literal["add", "multiply", "map", "lag", "delay", "offset"]  # of terms that take part in a search
+FORMS: tuple[Form, ...] = ("add", "multiply", "map", "lag", "delay", "offset")
 # makes the corrected node of a node; may add names of further nodes
 Correction = Callable[[GraphBuilder, int, dict[str, int]], int]
 _PREFIX = {"add": "Add", "multiply": "Scale", "lag": "Lag", "offset": "Offset"}
@@ -30,8 +32,8 @@ class MissingTerm:
 
     | kind | the node becomes |
     |---|---|
-    | add | node + curve(channel) |
-    | multiply | node * curve(channel) |
+    | add | node + curve(channel), or node + map(channel, second) |
+    | multiply | node * curve(channel), or node * map(channel, second) |
     | lag | PT1(node, T), with a time constant T that is fitted |
     | delay | delay(node, steps) |
     | offset | node + an offset of each recording |
@@ -39,10 +41,12 @@ class MissingTerm:
     Attributes:
         node: name of the node.
         kind: the form of the correction.
-        channel: the input of the curve.
-        breakpoints: those of the curve; of an offset the numbers of the recordings, and one for all others.
+        channel: the input of the curve, the first one of a map.
+        breakpoints: those of this input; of an offset the numbers of the recordings, and one for all others.
         seconds: time constant of a lag, from which its fit starts.
         steps: steps of a delay.
+        second: the second input of a map; "" for all other terms.
+        second_breakpoints: those of this input.
     """
 
     node: str
@@ -51,6 +55,13 @@ class MissingTerm:
     breakpoints: tuple[float, ...] = ()
     seconds: float = 0.0
     steps: int = 0
+    second: str = ""
+    second_breakpoints: tuple[float, ...] = ()
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The inputs of the curve or map."""
+        return tuple(name for name in (self.channel, self.second) if name)
 
     def label(self, taken: Collection[str] = ()) -> str:
         """Return a name for the new parameter that no other has.
@@ -58,15 +69,18 @@ class MissingTerm:
         >>> MissingTerm("dragTorque", "multiply", "Throttle").label()
         'ScaleDragTorqueThrottle'
         """
-        words = re.findall(r"\w+", f"{self.node} {self.channel}")
+        words = re.findall(r"\w+", " ".join((self.node, *self.channels)))
         stem = _PREFIX[self.kind] + "".join(word[:1].upper() + word[1:] for word in words)
         return unused_name(stem, taken)
 
     def parameter(self, name: str) -> Parameter | None:
         """Return the new parameter without effect; a lag starts at its time constant, a delay has none."""
         if self.kind in OF_CHANNELS:
-            values = np.full(len(self.breakpoints), 1.0 if self.kind == "multiply" else 0.0)
-            return Curve(name, Axis(self.breakpoints, self.channel), values)
+            neutral, x = 1.0 if self.kind == "multiply" else 0.0, Axis(self.breakpoints, self.channel)
+            if not self.second:
+                return Curve(name, x, np.full(len(x), neutral))
+            y = Axis(self.second_breakpoints, self.second)
+            return Map(name, x, y, np.full((len(x), len(y)), neutral))
         if self.kind == "offset":
             return Curve(name, Axis(self.breakpoints, RECORDING), np.zeros(len(self.breakpoints)))
         return Scalar(name, self.seconds, unit="s", lower=0.0) if self.kind == "lag" else None
@@ -103,8 +117,8 @@ def extended_model(model: Model, term: MissingTerm, parameter: str) -> Model:
 def _correction(graph: Graph, term: MissingTerm, parameter: str) -> Correction:
     def correct(b: GraphBuilder, node: int, names: dict[str, int]) -> int:
         if term.kind in (*OF_CHANNELS, "offset"):
-            curve = b.lookup(parameter, b.input(term.channel or RECORDING))
-            return b.call("mul" if term.kind == "multiply" else "add", node, curve)
+            table = b.lookup(parameter, *(b.input(name) for name in term.channels or (RECORDING,)))
+            return b.call("mul" if term.kind == "multiply" else "add", node, table)
         if term.kind == "delay":
             return b.prev(node, node, term.steps)
         T = b.lookup(parameter)
@@ -169,5 +183,6 @@ def describe(term: MissingTerm, seconds: float | None = None) -> str:
     if term.kind == "delay":
         return f"Delay {term.node} by {term.steps} step{'s' * (term.steps != 1)}"
     verb, preposition = ("Add", "to") if term.kind == "add" else ("Scale", "by")
-    curve = f"a curve of {term.channel}"
-    return f"{verb} {curve} {preposition} {term.node}" if term.kind == "add" else f"{verb} {term.node} by {curve}"
+    table = f"a map of {term.channel} and {term.second}" if term.second else f"a curve of {term.channel}"
+    first, second = (table, term.node) if term.kind == "add" else (term.node, table)
+    return f"{verb} {first} {preposition} {second}"

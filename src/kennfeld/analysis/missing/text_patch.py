@@ -109,7 +109,7 @@ def _around(
     if term.kind == "delay":
         first, last = expression[0], expression[-1]
         return "delay(", f", {term.steps}, {_source(lines, first, last)})"
-    curve = label if term.kind == "offset" else f"{label}({quoted_name(term.channel)})"
+    curve = label if term.kind == "offset" else f"{label}({', '.join(map(quoted_name, term.channels))})"
     depth, outer = 0, set()
     for token in expression:
         depth += (token.text == "(") - (token.text == ")")
@@ -152,10 +152,10 @@ def _declarations(lines: Sequence[str], addition: Addition, inputs: Collection[s
     term, declarations = addition.term, []
     if addition.parameter is not None and declared & {"scalar", "curve", "map", "cube"}:
         # a value for each recording is a scalar in the text, see `per` of the project file
-        kind = "curve" if addition.parameter.axes and term.kind != "offset" else "scalar"
+        kind = "scalar" if term.kind == "offset" else addition.parameter.kind
         declarations.append(f"{kind} {quoted_name(addition.parameter.name)}")
-    if term.channel and "input" in declared and term.channel not in inputs:
-        declarations.append(f"input {quoted_name(term.channel)}")
+    if "input" in declared:
+        declarations += [f"input {quoted_name(name)}" for name in term.channels if name not in inputs]
     return declarations
 
 

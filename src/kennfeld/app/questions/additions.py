@@ -6,6 +6,7 @@ from typing import Any
 
 from kennfeld.app.folders import confined
 from kennfeld.app.session.function_source import ImportSource, completed_reference, has_no_functions
+from kennfeld.app.session.initial_files import holds_variables
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys
 from kennfeld.base.errors import ArgumentError, Findings, InputError, Location
@@ -13,6 +14,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.files.calibrations import IMAGE_ENDINGS
 from kennfeld.files.file_format import Role, call
 from kennfeld.files.identification import identify
+from kennfeld.models.function_files import split_reference
 from kennfeld.models.importer import DroppedFiles, Importer
 from kennfeld.models.importer_registry import importer_of
 
@@ -34,6 +36,7 @@ class FileKinds:
 def add_files(session: Session, asked: AddedFiles) -> FileKinds:
     """Add files of the folder to the project, as one change: recordings, a function, or initial values.
 
+    Files with variables of a Simulink model go to `[model] parameters`, as their arrays may be axes of its tables.
     CAN databases decode the recordings that come with them; alone, those of all datasets.
     Where several files make up a function, as in ASCET projects, they are moved to where the import searches them; if
     the function is of this kind already, they only add to it.
@@ -45,7 +48,10 @@ def add_files(session: Session, asked: AddedFiles) -> FileKinds:
     settings = session.settings
     placed = _place(session, names)
     kinds = kinds_of(folder, [name for moved in placed.values() for name in moved])
-    changes = [*_datasets(settings, kinds), *_function(folder, kinds), *_initial(settings, kinds)]
+    function = _function(folder, kinds)
+    variables = _variables(session, kinds, str(function[0][1]) if function else "")
+    changes = [*_datasets(settings, kinds), *function, *_parameters(settings, variables)]
+    changes += _initial(settings, {name: kind for name, kind in kinds.items() if name not in variables})
     changes += _assembled(session, placed)
     if changes:
         session.do(SetKeys(f"Added {', '.join([*kinds][:3])}", session.path.name, changes))
@@ -141,6 +147,31 @@ def _with(entry: Any, databases: list[str]) -> list[Any]:
 def _function(folder: Path, kinds: dict[str, str]) -> list[tuple[tuple[str | int, ...], Any]]:
     names = sorted(_named(kinds, "function"), key=lambda name: has_no_functions(folder / name))
     return [(("model", "file"), completed_reference(folder, name)) for name in names[:1]]
+
+
+def _variables(session: Session, kinds: dict[str, str], added: str) -> list[str]:
+    """Return the files with values of variables, if the function is of a kind that takes them.
+
+    Args:
+        session: the project.
+        kinds: the roles of the files.
+        added: the function among them; empty if the project keeps its own.
+    """
+    model = session.settings.get("model", {})
+    file = added or str(model.get("file", "") if isinstance(model, dict) else "")
+    importer = importer_of(split_reference(file)[0])
+    if importer is None or "parameters" not in importer.keys:
+        return []
+    names = (name for name in _named(kinds, "calibration") if not _is_image(name))
+    return [name for name in names if holds_variables(session.path.parent / name)]
+
+
+def _parameters(settings: Any, variables: list[str]) -> list[tuple[tuple[str | int, ...], Any]]:
+    """Return the files that give values to variables of the function, with the new ones behind the others."""
+    own = settings.get("model", {}).get("parameters", [])
+    own = list(own) if isinstance(own, list) else [own]
+    added = [name for name in variables if name not in own]
+    return [(("model", "parameters"), [*own, *added])] if added else []
 
 
 def _initial(settings: Any, kinds: dict[str, str]) -> list[tuple[tuple[str | int, ...], Any]]:

@@ -24,7 +24,7 @@ from kennfeld.base.arrays import Float
 from kennfeld.base.errors import ArgumentError, Finding
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.output_paths import plain_name
-from kennfeld.calfiles import Change, Difference, Tolerance, compare, endings, losses, merge, read, write
+from kennfeld.calfiles import Change, Difference, Tolerance, compare, endings, losses, merge, read_with_findings, write
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Axis, Parameter, Text
 
@@ -467,7 +467,7 @@ def rounded(parameters: ParameterSet, target: Path, a2l: Path | None) -> list[Ro
     """Return the labels whose values an image does not store exactly: asked for, stored, and how many differ."""
     if not is_image(target.name):
         return []
-    stored = read(target, a2l)
+    stored, _ = read_with_findings(target, a2l)
     both = [name for name in parameters if name in stored]
     comparison = compare(parameters.select(both), stored.select(both))
     return [

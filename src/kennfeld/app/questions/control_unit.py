@@ -21,12 +21,14 @@ from kennfeld.app.session.control_unit import (
 )
 from kennfeld.app.session.session import Session
 from kennfeld.base.errors import ArgumentError, Finding
+from kennfeld.base.fmi_platform import platform_tuple
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.numeric import number
 from kennfeld.domain.parameters import Parameter
 from kennfeld.domain.storage import MAX_SHIFT, RoundingMethod
 from kennfeld.export.api import ExportSettings
 from kennfeld.export.comparison import CodeComparison
+from kennfeld.export.cross_compiler import PLATFORMS, CrossCompiler, Platform
 from kennfeld.export.host_compiler import HostCompiler
 from kennfeld.export.prepared import Precision
 from kennfeld.optimize.rounding.outcome import LabelRounding, RoundingResult
@@ -72,6 +74,9 @@ class ControlUnit:
         descriptions: A2L files of the folder.
         rows: the free parameters, `count` of them.
         compiler: the C compiler of this computer; empty if there is none.
+        platform: this machine, as FMI 3.0 names it.
+        platforms: other machines for which an FMU can have a library.
+        cross: why it cannot on this computer; empty if it can.
         formats: endings of calibration files that can be written, those of the project first.
         own: those of the project.
         folder: where files are written, unless another one is named.
@@ -85,6 +90,9 @@ class ControlUnit:
     rows: Sequence[StorageRow]
     count: int
     compiler: str
+    platform: str
+    platforms: Sequence[Platform]
+    cross: str
     formats: Sequence[str]
     own: Sequence[str]
     folder: str
@@ -255,6 +263,7 @@ class UnitCommand:
         fmi: version of FMI.
         inputs: whether inputs of an FMU that are set before a step count at its start or its end.
         step: of an FMU in s; null for that of the function or its data.
+        platforms: machines for which an FMU has a library in addition to this one.
         folder: of the project's folder.
         signals: write what the function calculates over all data, as MDF.
         force: replace files that exist with another content.
@@ -269,6 +278,7 @@ class UnitCommand:
     fmi: Literal[2, 3] = 2
     inputs: Literal["start", "end"] = "end"
     step: float | None = None
+    platforms: Sequence[Platform] = ()
     folder: str = FOLDER
     signals: bool = False
     force: bool = False
@@ -307,6 +317,9 @@ def control_unit(session: Session) -> ControlUnit:
         rows=[_storage_row(session, view.now.parameters[name]) for name in names[:MAX_ROWS]],
         count=len(names),
         compiler="" if compiler is None else compiler.name,
+        platform=platform_tuple(),
+        platforms=[each for each in PLATFORMS if each != platform_tuple()],
+        cross=_why_no_cross_compiler(),
         formats=known.formats,
         own=known.own,
         folder=FOLDER,
@@ -446,10 +459,19 @@ def write_unit(session: Session, asked: UnitCommand) -> WrittenUnit | ExistingFi
 
 def _settings(asked: UnitCommand, language: Literal["c", "fmu", "m"]) -> ExportSettings:
     options: dict[str, Any] = {"fmi": asked.fmi, "inputs": asked.inputs, "step": asked.step}
+    options["platforms"] = tuple(dict.fromkeys(asked.platforms))
     settings = ExportSettings(language, asked.name.strip(), check=language == "c")
     if language == "c":
         return replace(settings, precision=asked.precision)
     return replace(settings, **options) if language == "fmu" else settings
+
+
+def _why_no_cross_compiler() -> str:
+    try:
+        CrossCompiler.of(PLATFORMS[0])
+    except ArgumentError as error:
+        return str(error)
+    return ""
 
 
 def _texts(findings: Iterable[Finding]) -> list[str]:

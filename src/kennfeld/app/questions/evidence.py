@@ -155,7 +155,6 @@ def informing(session: Session, asked: AskedInforming) -> InformingReply:
 def _informing(view: View, part: Informing, criterion: int) -> InformingRow:
     recording, stretches = view.model.recordings[part.dataset], part.stretches
     position = recording.position
-    longest = sorted(stretches, key=lambda ends: ends[0] - ends[1])[:MAX_STRETCHES]
     now, start = (each.errors[part.dataset][criterion][part.samples] for each in (view.now, view.start))
     return InformingRow(
         number=part.dataset,
@@ -163,7 +162,7 @@ def _informing(view: View, part: Informing, criterion: int) -> InformingRow:
         use=recording.use,
         samples=int(part.samples.size),
         count=len(stretches),
-        stretches=[(float(position[first]), float(position[last])) for first, last in longest],
+        stretches=[(float(position[first]), float(position[last])) for first, last in stretches[:MAX_STRETCHES]],
         mean_before=finite(_mean(start)),
         mean_now=finite(_mean(now)),
     )

@@ -10,7 +10,7 @@ from kennfeld.analysis.missing.probes import Nodes
 from kennfeld.analysis.missing.proposal import RmseChange, TermProposal
 from kennfeld.analysis.missing.proposing import SearchScope
 from kennfeld.analysis.missing.recordings import can_be_numbered
-from kennfeld.analysis.missing.terms import KINDS, OF_CHANNELS, Kind, describe
+from kennfeld.analysis.missing.terms import FORMS, OF_CHANNELS, Form, Kind, describe
 from kennfeld.app.answer import finite, finite_list
 from kennfeld.app.questions.recordings import channel_ranges, recorded_channels
 from kennfeld.app.session.session import Session
@@ -38,7 +38,7 @@ class TermChannel:
 class TermKind:
     """A kind of terms, with the number of nodes at which it is tried; 0 if the data have no time, or few recordings."""
 
-    name: Kind
+    name: Form
     places: int
 
 
@@ -79,6 +79,7 @@ class TermRow:
         held_name: what was held out.
         better: held-out parts that the term makes better, of `parts`.
         values: number of values of the term.
+        second: the second channel of a map.
         ends: the first and the last breakpoint of a curve, each with its value.
         places: others that the data cannot tell from it.
         location: of the node in the source of the function.
@@ -88,6 +89,7 @@ class TermRow:
     node: str
     kind: Kind
     channel: str
+    second: str
     training: BeforeAfter
     held_out: BeforeAfter
     held_name: str
@@ -157,7 +159,7 @@ class TermQuestion:
 
     channels: Sequence[str] | None = None
     nodes: Sequence[str] | None = None
-    kinds: Sequence[Kind] | None = None
+    kinds: Sequence[Form] | None = None
     least: float = 0.0
 
 
@@ -193,8 +195,10 @@ class ShownTerm:
     Attributes:
         parameter: name of the new parameter; empty for a delay.
         input: the channel, with its unit in `input_unit`.
-        points: breakpoints of a curve.
-        now: its values; the time constant of a lag.
+        second: the second channel of a map, with its unit in `second_unit`.
+        points: breakpoints of a curve, or of the first channel of a map.
+        second_points: those of the second channel.
+        now: the values, of a map row by row, one for each of `points`; the time constant of a lag.
         deviation: standard deviation of each; null if nothing determines one.
         neutral: the value without effect.
         fitted: false at an equal place, where the values are those without effect.
@@ -214,7 +218,10 @@ class ShownTerm:
     parameter: str
     input: str
     input_unit: str
+    second: str
+    second_unit: str
     points: Sequence[float]
+    second_points: Sequence[float]
     now: Sequence[float]
     deviation: Sequence[float | None]
     neutral: float
@@ -245,7 +252,7 @@ def missing(session: Session) -> MissingTerms:
     problem = view.model.problem
     nodes = Nodes.of(problem).names
     timed = all(data.time is not None and data.settling is None for data in problem.fitted_datasets)
-    kinds = [TermKind(kind, len(nodes) if _is_possible(kind, problem, timed=timed) else 0) for kind in KINDS]
+    kinds = [TermKind(kind, len(nodes) if _is_possible(kind, problem, timed=timed) else 0) for kind in FORMS]
     findings: TermFindings | None = work.outcome
     return MissingTerms(
         node=problem.criteria[0].node if problem.criteria else "",
@@ -257,10 +264,10 @@ def missing(session: Session) -> MissingTerms:
     )
 
 
-def _is_possible(kind: Kind, problem: Problem, *, timed: bool) -> bool:
+def _is_possible(kind: Form, problem: Problem, *, timed: bool) -> bool:
     if kind == "offset":
         return can_be_numbered(problem)
-    return timed or kind in OF_CHANNELS
+    return timed or kind in (*OF_CHANNELS, "map")
 
 
 def _channels(session: Session) -> list[TermChannel]:
@@ -321,6 +328,7 @@ def _row(own: TermProposal) -> TermRow:
         node=term.node,
         kind=term.kind,
         channel=term.channel,
+        second=term.second,
         training=_change(own.rmse),
         held_out=_change(own.held_out),
         held_name=own.held_name,
@@ -341,7 +349,7 @@ def _change(rmse: RmseChange) -> BeforeAfter:
 
 
 def _ends(own: TermProposal) -> list[tuple[float, float]]:
-    if own.parameter is None or not own.term.breakpoints:
+    if own.parameter is None or not own.term.breakpoints or own.term.second:
         return []
     values = own.parameter.values.ravel()
     return [(own.term.breakpoints[k], float(values[k])) for k in (0, -1)]
@@ -360,9 +368,9 @@ def _places(own: TermProposal) -> list[PlaceRow]:
 
 def look(session: Session, asked: TermQuestion) -> None:
     """Search for missing terms at the present values, in a process of its own."""
-    kinds = KINDS if asked.kinds is None else tuple(asked.kinds)
+    kinds = FORMS if asked.kinds is None else tuple(asked.kinds)
     if asked.channels is not None and not asked.channels:
-        kinds = tuple(kind for kind in kinds if kind not in OF_CHANNELS)
+        kinds = tuple(kind for kind in kinds if kind not in (*OF_CHANNELS, "map"))
     scope = SearchScope(_patterns(asked.channels), _patterns(asked.nodes), kinds, asked.least)
     start_search(session, scope)
 
@@ -386,13 +394,16 @@ def term(session: Session, asked: AskedTerm) -> ShownTerm:
     texts = {} if old else {session.path.name: change.project_text}
     if change.function is not None and not old:
         texts = {session.formula_file: change.function_text} | texts
-    parameter, fitted = own.parameter, asked.place is None
+    parameter, fitted, units = own.parameter, asked.place is None, _channel_units(session)
     return ShownTerm(
         parameter="" if parameter is None else parameter.name,
         input="recording" if kind == "offset" else own.term.channel,
-        input_unit=_channel_units(session).get(own.term.channel, ""),
+        input_unit=units.get(own.term.channel, ""),
+        second=own.term.second,
+        second_unit=units.get(own.term.second, ""),
         # recordings count from 1, as the parameter will
         points=tuple(point + 1 for point in own.term.breakpoints) if kind == "offset" else own.term.breakpoints,
+        second_points=own.term.second_breakpoints,
         now=_numbers(parameter.values) if parameter is not None else [],
         deviation=finite_list(picture.deviation) if fitted else [],
         neutral=1.0 if kind == "multiply" else 0.0,

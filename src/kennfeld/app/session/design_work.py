@@ -1,13 +1,14 @@
 """Designs of a session, what to measure next: the work, the maps of deviations, and the chosen operation in them."""
 
-from collections.abc import Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from kennfeld.app.session.session import Session
-from kennfeld.app.session.side_work import Tell, WorkStep
+from kennfeld.app.session.side_work import PartialOutcome, Tell, WorkStep
 from kennfeld.base.arrays import Float, Int
 from kennfeld.base.errors import InputError
 from kennfeld.base.formatting import count_noun
@@ -27,6 +28,7 @@ from kennfeld.project import Project
 
 MOST_PLACES = 1500  # recorded samples that are drawn
 MOST_STEPS = 150  # of the way of a segment
+EVERY = 2.0  # s after which a design so far is told, which is what a stop leaves
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,11 +108,26 @@ class DesignTask:
         def progress(line: TraceLine) -> None:
             tell(WorkStep(f"fitting the function: {line.stage}, step {line.iteration}"))
 
+        told = time.monotonic()
+
+        def watch(made: Callable[[], Design] | None) -> bool:
+            nonlocal told
+            if made is not None and time.monotonic() - told >= EVERY:
+                tell(PartialOutcome(DesignFindings(self._with_relative_files(made()))))
+                told = time.monotonic()
+            return False
+
         project = Project.read(self.path, self.unsaved)
         tell(WorkStep("reading the recordings"))
         try:
             proposed = made_design(
-                project, self.request, self.candidates, progress=progress, values=self.values, near=self.near
+                project,
+                self.request,
+                self.candidates,
+                progress=progress,
+                values=self.values,
+                near=self.near,
+                watch=watch,
             )
         finally:
             project.close()

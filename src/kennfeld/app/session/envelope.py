@@ -1,5 +1,7 @@
 """Minimum and maximum of a channel by pixel, fast enough to follow a zoom."""
 
+from functools import cached_property
+
 import numpy as np
 
 from kennfeld.base.arrays import Float, Int
@@ -20,11 +22,12 @@ class PixelEnvelope:
 
     def __init__(self, values: Float) -> None:
         self.values = values
-        self._levels = [(values, values)]
-        # two levels: the samples, and blocks of them, of which a zoomed-out pixel spans many
-        if values.size >= 2 * BLOCK:
-            starts = np.arange(0, values.size, BLOCK)
-            self._levels.append((np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)))
+
+    @cached_property
+    def _blocks(self) -> tuple[Float, Float]:
+        """Minimum and maximum of each block, of which a zoomed-out pixel spans many; zooming in does without them."""
+        starts = np.arange(0, self.values.size, BLOCK)
+        return np.fmin.reduceat(self.values, starts), np.fmax.reduceat(self.values, starts)
 
     def extremes(self, edges: Int) -> tuple[Float, Float]:
         """Find the minimum and the maximum of the samples from each edge up to the next.
@@ -36,8 +39,8 @@ class PixelEnvelope:
         Returns:
             Float[pixels] each; NaN for a pixel without a sample that is a number.
         """
-        coarse = len(self._levels) > 1 and bool(edges[-1] - edges[0] >= 2 * BLOCK * (edges.size - 1))
-        lowest, highest = self._levels[coarse]
+        coarse = bool(edges[-1] - edges[0] >= max(2 * BLOCK * (edges.size - 1), 1))
+        lowest, highest = self._blocks if coarse else (self.values, self.values)
         if coarse:
             # the last edge up, so that the last samples are not lost
             edges = np.append(edges[:-1] // BLOCK, -(-edges[-1] // BLOCK))

@@ -1,6 +1,7 @@
 """Linked evidence: the samples that inform a grid point, and the grid points that samples pass through."""
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -33,15 +34,16 @@ class Informing:
     samples: Int
     weights: Float
 
-    @property
+    @cached_property
     def stretches(self) -> list[tuple[int, int]]:
-        """Runs of consecutive samples, first and last."""
+        """Runs of consecutive samples, first and last, the longest ones first."""
         if not self.samples.size:
             return []
         breaks = np.flatnonzero(np.diff(self.samples) > 1)
         firsts = self.samples[np.append(0, breaks + 1)]
         lasts = self.samples[np.append(breaks, self.samples.size - 1)]
-        return list(zip(firsts.tolist(), lasts.tolist(), strict=True))
+        order = np.argsort(firsts - lasts, kind="stable")
+        return list(zip(firsts[order].tolist(), lasts[order].tolist(), strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +68,8 @@ class Evidence:
         self._model, self._parameters = model, parameters
         self._lookups: Lookups = model.lookups(parameters)
         self._indexes: dict[tuple[object, ...], LookupIndex] = {}
+        # of the value that was asked for last, as pages ask for the same one after every edit
+        self._informing: tuple[tuple[str, int], list[Informing]] | None = None
 
     @property
     def tables(self) -> list[str]:
@@ -114,11 +118,14 @@ class Evidence:
 
     def informing(self, parameter: str, value: int) -> list[Informing]:
         """Return by dataset the samples that look up a value of a table, given by its number in C order."""
+        if self._informing is not None and self._informing[0] == (parameter, value):
+            return self._informing[1]
         informing = []
         for recording in self._model.recordings:
             weight = self.informed(recording, parameter, value)
             samples = np.flatnonzero(weight > 0)
             informing.append(Informing(recording.number, samples, weight[samples]))
+        self._informing = (parameter, value), informing
         return informing
 
     def informed(self, recording: LiveDataset, parameter: str, value: int) -> Float:

@@ -185,7 +185,11 @@ def _read(source: FunctionSource) -> ModelFunction:
 def imported_model(settings: Mapping[str, Any], path: Path) -> Model | None:
     """Return the function that a project imports, also if the project lacks data or criteria; None if it cannot be."""
     project = read_partly(path, settings)
-    if importer_of(split_reference(project.model.file)[0]) is None:
+    importer = importer_of(split_reference(project.model.file)[0])
+    if importer is None:
         return None
+    if "parameters" in importer.keys:  # also the values that a project gives to variables by its initial files
+        files = (*project.model.parameters, *project.calibration.files)
+        project = replace(project, model=replace(project.model, parameters=files))
     read = read_function(project, (), (), Findings())
     return None if read is None else read.model

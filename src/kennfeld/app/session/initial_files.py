@@ -1,4 +1,4 @@
-"""The parameters that the initial files of a project provide, also if the project cannot be read otherwise."""
+"""What initial files of a project provide, also if the project cannot be read otherwise."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -43,3 +43,17 @@ def _names(path: Path, a2l: Path | None) -> tuple[str, ...]:
     if a2l is not None:
         note_opened(a2l)
     return tuple(read_initial_file(path, a2l)[0])
+
+
+def holds_variables(path: Path) -> bool:
+    """Return True for a file with arrays and no table that has axes, as scripts and workspaces of MATLAB have.
+
+    Functions whose blocks name variables take them as axes and values of their tables; as initial values, axes would
+    be parameters of their own. A file that cannot be read holds none; the project says why.
+    """
+    try:
+        parameters, _ = read_initial_file(path, None)
+    except InputError:
+        return False
+    kinds = {each.kind for each in parameters.parameters}
+    return "block" in kinds and kinds <= {"block", "scalar"}

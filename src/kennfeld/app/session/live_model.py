@@ -10,7 +10,7 @@ from kennfeld.base.arrays import Float, Int
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.optimize.problem.problem import Problem, difference
-from kennfeld.optimize.quality.lookup_coverage import Lookups, unmoved_tables
+from kennfeld.optimize.quality.lookup_coverage import Lookups, moving_parameters, unmoved_tables
 from kennfeld.optimize.quality.quality import NodeSimulator
 from kennfeld.optimize.sums.sample_slopes import SampleSlopes
 from kennfeld.preprocessing.binding import BoundDataset
@@ -198,7 +198,7 @@ class LiveModel:
         self._compiled: dict[tuple[object, ...], NodeSimulator] = {}
         self._slopes: dict[tuple[object, ...], SampleSlopes] = {}  # of the last breakpoints
         self._lookups: tuple[tuple[object, ...], Lookups] | None = None  # the last ones, with their breakpoints
-        self.unmoved = unmoved_tables(problem.graph)
+        self.unmoved, self._moving = unmoved_tables(problem.graph), moving_parameters(problem.graph)
         self.indexes: dict[tuple[object, ...], LookupIndex] = {}  # of these tables
 
     def evaluate(self, parameters: ParameterSet) -> Evaluation:
@@ -237,6 +237,14 @@ class LiveModel:
         target, node = problem.criteria[criterion].target.name, problem.criteria[criterion].node
         recorded = next((data[target].unit for data in problem.datasets if target in data), "")
         return recorded or problem.model.graph.units.get(node, "")
+
+    def moves_lookups(self, before: ParameterSet, after: ParameterSet) -> bool:
+        """Return True if tables may be looked up at other places, or between other breakpoints, than before."""
+        return any(
+            not table.has_grid_of(before[table.name])
+            or (table.name in self._moving and not np.array_equal(table.values, before[table.name].values))
+            for table in after.parameters
+        )
 
     def lookups(self, parameters: ParameterSet) -> Lookups:
         """Return where the function looks up its tables; code is compiled again only if breakpoints have changed."""

@@ -1,33 +1,33 @@
 """An open project: its history, the model that follows every edit, and its runs."""
 
 import itertools
-import queue
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from kennfeld.analysis.validation_result import CrossValidation
 from kennfeld.app.session.activity import Activity, StoppedError
+from kennfeld.app.session.consents import require_scheduler, undecided_requests, undecided_scheduler
 from kennfeld.app.session.edited_values import moved_axes, moved_breakpoints
 from kennfeld.app.session.files_on_disk import Conflict, DiskChange, FilesOnDisk, read_exactly, text_or_none
-from kennfeld.app.session.function_source import imported_model, read_called
 from kennfeld.app.session.initial_files import initial_names
-from kennfeld.app.session.live_model import LiveDataset, LiveModel, LiveScore
+from kennfeld.app.session.job_runner import JobRunner
+from kennfeld.app.session.live_model import LiveModel, LiveScore
 from kennfeld.app.session.part_fit import FittedPart, part_options, part_problem
-from kennfeld.app.session.partitioned_data import PartitionedData, count_samples
-from kennfeld.app.session.proposal import read_function
+from kennfeld.app.session.partitioned_data import count_samples
+from kennfeld.app.session.project_function import ProjectFunction, formula_file
+from kennfeld.app.session.project_recordings import ProjectRecordings
 from kennfeld.app.session.read_files import ReadFiles
-from kennfeld.app.session.recorded_data import RecordedData
 from kennfeld.app.session.recovery import Recovery
 from kennfeld.app.session.reference_set import ReferenceSet
 from kennfeld.app.session.rounding import SetRounding
 from kennfeld.app.session.run_checkpoints import RunCheckpoints
-from kennfeld.app.session.run_job import BestValues, Ended, RunJob, RunTask, Validation
+from kennfeld.app.session.run_job import Ended, RunTask, Validation
 from kennfeld.app.session.runs import Job, Run, ValidationRun
-from kennfeld.app.session.saved_values import VALUES, KeyChange, naming_changes, values_saved_before
+from kennfeld.app.session.saved_values import VALUES, KeyChange, naming_changes, values_to_save, write_edits
 from kennfeld.app.session.side_work import SideWork
 from kennfeld.app.session.state import (
     Command,
@@ -44,20 +44,14 @@ from kennfeld.app.session.surrogate_training import SurrogateTraining
 from kennfeld.app.session.value_edits import ValueEdit
 from kennfeld.app.session.view import View
 from kennfeld.base.arrays import Float
-from kennfeld.base.atomic_files import write_whole
-from kennfeld.base.dask_runner import ClusterAddress, DaskRunner
+from kennfeld.base.dask_runner import DaskRunner
 from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
-from kennfeld.base.output_paths import within
-from kennfeld.calfiles import write as write_parameters
 from kennfeld.domain.free_axes import AXIS_LABEL
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
 from kennfeld.models import Model
 from kennfeld.models.code_consent import ConsentRequest, allow
-from kennfeld.models.formula import read as read_formula
-from kennfeld.optimize.fit.result import TraceLine
 from kennfeld.project import Project
-from kennfeld.project.consent import consent_requests, scheduler_request
 from kennfeld.project.document import ProjectDocument
 
 _T = TypeVar("_T")  # Python 3.11
@@ -80,7 +74,6 @@ class Session:
         self, path: Path, changed: Callable[[], object] = lambda: None, activity: Activity | None = None
     ) -> None:
         self.path, self._activity = path, activity or Activity()
-        self._changed = changed
         self.history = History(SessionState({path.name: read_exactly(path)}))
         self.saved = self.history.state
         self._files = FilesOnDisk(path.parent, self.saved.texts, VALUES)
@@ -94,8 +87,8 @@ class Session:
         self._read_again: tuple[
             Finding, ...
         ] = ()  # files that have been read again, but not because the user asked for it
-        self._function: tuple[int, Model | None] | None = None  # of another tool, by the revision of the texts
-        self._data: RecordedData | PartitionedData = RecordedData(self._activity)
+        self._function = ProjectFunction(path)
+        self._recordings = ProjectRecordings(self._activity)
         self.interrupted = False  # the user has stopped the reading of the recordings
         self.last: tuple[LiveScore, ...] = ()  # before the last change, whatever was evaluated since
         self.revision = next(_REVISIONS)  # changes with the values and the texts
@@ -107,14 +100,12 @@ class Session:
         self.chosen_reference: ReferenceSet | None = None
         # by set and method, with the revision that they belong to
         self.roundings: dict[tuple[str, str, str], tuple[int, SetRounding]] = {}
-        self.job = Job()
+        self._runner = JobRunner(changed)
         self.training = SurrogateTraining(changed)
         # their outcomes are those of `term_search` and `design_work`, which know this module
         self.term_search: SideWork[Any] = SideWork(changed)
         self.design_work: SideWork[Any] = SideWork(changed)
-        self._running: RunJob | None = None
         self.waiting: list[ValueEdit] = []  # edits that were made during the running calibration
-        self._inbox: queue.SimpleQueue[TraceLine | BestValues | Ended] = queue.SimpleQueue()
         self._settings: tuple[str, dict[str, Any]] | None = None  # of the last text
         self.recoverable = self.recovery.exists  # a session ended without saving
         self._assemble()
@@ -123,6 +114,11 @@ class Session:
     def state(self) -> SessionState:
         """The present state."""
         return self.history.state
+
+    @property
+    def job(self) -> Job:
+        """The running or last calibration or cross-validation, as it is shown."""
+        return self._runner.job
 
     @property
     def parameters(self) -> ParameterSet:
@@ -156,7 +152,20 @@ class Session:
         `tables` are those for which the values of the command were given; by default the present ones.
         """
         joined = self.history.joins(drag)
-        self._change(lambda: self.history.do(command, drag, tables), joined=joined)
+
+        def change() -> None:
+            before = self.state.texts.keys()
+            self.history.do(command, drag, tables)
+            self._hold_replaced(self.state.texts.keys() - before)
+
+        self._change(change, joined=joined)
+
+    def _hold_replaced(self, names: Collection[str]) -> None:
+        """Let earlier states hold files that a command has replaced for the first time."""
+        self._files.note(names)
+        texts = {name: text for name in names if (text := self._files.known[name]) is not None}
+        if texts:
+            self.saved = self.history.hold(texts, self.saved)
 
     def key_command(self, title: str, changes: Sequence[tuple[Sequence[str | int], Any]]) -> SetKeys:
         """Return a command that sets keys of the project file; a value that was saved gets its notation back."""
@@ -231,7 +240,7 @@ class Session:
             ArgumentError: a run is in progress, or nothing of the part may be fitted.
             InputError: the project has errors, or there is no checkpoint.
         """
-        if self._running is not None:
+        if self._runner.running is not None:
             raise ArgumentError("a run is in progress; stop it first")
         view = self.require_evaluable()
         assert self.project is not None
@@ -244,14 +253,10 @@ class Session:
         points = self.checkpoints.points().states if resume else {}
         joins = self.project.is_partitioned or bool(self.project.file.cluster.scheduler)
         cluster = self.project.cluster_address if joins else None
-        self._require_scheduler(cluster)
+        require_scheduler(self.project.file, cluster)
         saves = None if validation or part else self.checkpoints
         task = RunTask(problem, options, saves, points, validation, cluster)
-        title = "" if part is None else part.title
-        self.job = Job(
-            "running", "compiling", time.monotonic(), problem=problem, validates=validation is not None, part=title
-        )
-        self._running = RunJob(task, self._put)
+        self._runner.start(task, "" if part is None else part.title)
 
     def require_evaluable(self) -> View:
         """Return the view of the project as it is on disk and edited.
@@ -287,21 +292,13 @@ class Session:
 
     def stop(self) -> None:
         """Stop the running calibration at its best values."""
-        if self._running is not None and self.job.state == "running":
-            self.job.state = "stopping"
-            self._running.stop()
+        self._runner.stop()
 
     def close(self) -> None:
         """End a running calibration, training or search."""
         for work in self._works:
             work.stop()
-        if self._running is not None:
-            self._running.kill()
-
-    def _put(self, message: TraceLine | BestValues | Ended) -> None:
-        """Keep a report for `pump`; called from the thread of the job."""
-        self._inbox.put(message)
-        self._changed()
+        self._runner.kill()
 
     def pump(self) -> None:
         """Handle the reports of the running job, training and searches."""
@@ -309,22 +306,12 @@ class Session:
         self.design_work.pump()
         if self.training.pump():
             self.refresh()
-        while not self._inbox.empty():
-            message = self._inbox.get()
-            job = self.job
-            job.seconds = time.monotonic() - job.began
-            if isinstance(message, TraceLine):
-                job.trace.append(message)
-                job.message = message.stage
-            elif isinstance(message, BestValues):
-                job.preview = message.values
-            else:
-                self._running = None
-                self._end(message)
-                self._apply_waiting()
-                if changes := self._data_changes():
-                    told = "; ".join(map(str, changes))
-                    self.job.message += f" Since its data were read, files have changed: {told}."
+        for end in self._runner.ended():
+            self._end(end)
+            self._apply_waiting()
+            if changes := self._data_changes():
+                told = "; ".join(map(str, changes))
+                self.job.message += f" Since its data were read, files have changed: {told}."
 
     def _end(self, end: Ended) -> None:
         """Take over the values of a run that has ended."""
@@ -409,12 +396,12 @@ class Session:
     @property
     def is_calibrating(self) -> bool:
         """True while a calibration runs, at whose end its values become the present ones."""
-        return self._running is not None and not self._running.validates
+        return self._runner.is_calibrating
 
     @property
     def is_busy(self) -> bool:
         """True while a calibration, a training or a search runs."""
-        return self._running is not None or any(work.state == "running" for work in self._works)
+        return self._runner.running is not None or any(work.state == "running" for work in self._works)
 
     @property
     def _works(self) -> tuple[SurrogateTraining | SideWork[Any], ...]:
@@ -424,14 +411,12 @@ class Session:
     @property
     def has_edits(self) -> bool:
         """True if something is not saved."""
-        return bool(self.history.titles_since(self.saved))
+        return self.state != self.saved
 
     @property
     def formula_file(self) -> str:
         """Name of the formula file, empty if the function is something else."""
-        model = self.settings.get("model")
-        name = model.get("file") if isinstance(model, dict) else None
-        return name if isinstance(name, str) and name.lower().endswith(".kf") else ""
+        return formula_file(self.settings)
 
     @property
     def function(self) -> Model | None:
@@ -441,24 +426,10 @@ class Session:
         file = self.formula_file
         try:
             if file:
-                text, called = self.text_of(file), read_called(self.settings, self.path)
-                # a text that declares its inputs leaves no other name open, but for parameters that are known
-                return read_function(text, called) or read_function(text, called, self._parameter_names)
+                return self._function.of_text(self.settings, self.text_of(file))
         except InputError:
             return None
-        return None if self.undecided else self._imported()
-
-    @property
-    def _parameter_names(self) -> list[str]:
-        """Names of the parameters that have a section, or that the initial files provide."""
-        sections = self.settings.get("parameters")
-        return [*(sections if isinstance(sections, dict) else ()), *initial_names(self.settings, self.path).names]
-
-    def _imported(self) -> Model | None:
-        """Return the function of another tool, also if the project lacks data; None if it cannot be read."""
-        if self._function is None or self._function[0] != self.text_revision:
-            self._function = self.text_revision, imported_model(self.settings, self.path)
-        return self._function[1]
+        return None if self.undecided else self._function.imported(self.settings, self.text_revision)
 
     def read_trial(self, command: Command) -> Project:
         """Read the project as it would be after a command, with the recordings that are known.
@@ -467,7 +438,7 @@ class Session:
             InputError: it would have errors.
         """
         texts = self._unsaved_texts(command.apply(self.state))
-        return self._with_data(Project.read(self.path, texts))
+        return self._recordings.provide(Project.read(self.path, texts))
 
     @property
     def initial_names(self) -> list[str]:
@@ -504,19 +475,9 @@ class Session:
             # changes the text of the project file, which is written below
             self._name_values(self.state.values)
         folder = self.path.parent
-        try:
-            # all paths are checked before the first file is written
-            targets = {within(folder, name): text for name, text in self._edited_texts(self.state).items()}
-            target = within(folder, VALUES)
-            for path, text in targets.items():
-                # as bytes, so that line ends stay as they are
-                write_whole(path, text.encode())
-            if values is not None:
-                write_parameters(values, target)
-                self._read_files.note_written(target)
-        except OSError as error:
-            message = f"cannot be written: {error.strerror or error}"
-            raise InputError.of(Location(str(error.filename or folder)), message, "Check the permissions.") from None
+        write_edits(folder, self._edited_texts(self.state), values)
+        if values is not None:
+            self._read_files.note_written(folder / VALUES)
         self.saved = self.state
         self._files.read(self.state.texts)
         self.revision = self.text_revision = next(_REVISIONS)
@@ -572,14 +533,9 @@ class Session:
 
     def _changed_values(self) -> ParameterSet | None:
         """Return what `VALUES` is to hold: the edited parameters, and those saved before; None if none are edited."""
-        if self.view is None or not self.state.values:
+        if self.view is None:
             return None
-        now, names = self.view.now.parameters, [name for name in self.state.values if name in self.view.now.parameters]
-        earlier = values_saved_before(self.settings, self.path.parent)
-        try:
-            return earlier.with_parameters(*(now[name] for name in names)) if earlier else now.select(names)
-        except ArgumentError:  # a group axis of theirs has changed
-            return now.select(dict.fromkeys([*(name for name in earlier if name in now), *names]))
+        return values_to_save(self.state.values, self.view.now.parameters, self.settings, self.path.parent)
 
     def _name_values(self, names: Collection[str]) -> None:
         """Make the file of values the last of the initial files, and remove keys that would override its values."""
@@ -635,12 +591,12 @@ class Session:
             project = Project.read(self.path, self.unsaved_texts)
             self._read_files.note_matching(project.file)
             self._require_consent(project)
-            project = self._with_data(project)
+            project = self._recordings.provide(project)
             self.project, self._own_findings = project, (*self._read_again, *project.check())
             self.findings = self._own_findings
             problem = project.problem()
             self._activity.say(f"Evaluating the function over {sum(data.samples for data in problem.datasets)} samples")
-            self.view, self.stale = View(LiveModel(problem), self._read_channels), False
+            self.view, self.stale = View(LiveModel(problem), self._recordings.further_channels), False
         except StoppedError:
             message = "the recordings were not read, as you stopped it"
             finding = Finding(Location(self.path.name), message, "Read them to go on.")
@@ -654,14 +610,10 @@ class Session:
             self._evaluate()
 
     def _formula_errors(self, known: Collection[Finding]) -> tuple[Finding, ...]:
-        """Return what is wrong in formula text, which a project that lacks data is not checked for."""
+        """Return what is wrong in formula text beside what is known; nothing if its file cannot be read."""
         file = self.formula_file
-        if not file or any(finding.location.file.endswith(Path(file).name) for finding in known):
-            return ()
-        try:
-            read_formula(self.path.parent / file, None, (), self.text_of(file), read_called(self.settings, self.path))
-        except InputError as error:
-            return error.findings
+        with suppress(InputError):
+            return self._function.errors(self.settings, self.text_of(file), known) if file else ()
         return ()
 
     def _require_consent(self, project: Project) -> None:
@@ -670,30 +622,10 @@ class Session:
         The scheduler is asked for at the same time; it is joined by runs only.
         """
         file = self.formula_file
-        requests = consent_requests(project.file, self.text_of(file) if file else None)
-        undecided = [request for request in requests if not request.is_allowed]
-        scheduler = scheduler_request(project.file, project.cluster_address)
-        joins = [scheduler] if scheduler is not None and not scheduler.is_allowed else []
-        self.undecided = (*undecided, *joins)
+        undecided = undecided_requests(project, self.text_of(file) if file else None)
+        self.undecided = (*undecided, *undecided_scheduler(project.file, project.cluster_address))
         if undecided:
             raise InputError(request.finding for request in self.undecided)
-
-    def _require_scheduler(self, address: ClusterAddress | None) -> None:
-        """Raise `InputError` if the user has not allowed the scheduler of the project."""
-        assert self.project is not None
-        request = scheduler_request(self.project.file, address)
-        if request is not None and not request.is_allowed:
-            raise InputError([request.finding])
-
-    def _with_data(self, project: Project) -> Project:
-        """Return a project that reads its recordings again only if they have changed; an excerpt, if in partitions."""
-        size = project.file.cluster.partition_size
-        if not size:
-            if not isinstance(self._data, RecordedData):
-                self._data = RecordedData(self._activity)
-        elif not isinstance(self._data, PartitionedData) or self._data.settings[1:] != (project.prepared_files, size):
-            self._data = PartitionedData(project.file.path.name, project.prepared_files, size)
-        return replace(project, load=self._data)
 
     @contextmanager
     def evaluated(self) -> Iterator[Project]:
@@ -708,7 +640,7 @@ class Session:
         if address is None or not self.project.is_partitioned:
             yield self.project
             return
-        self._require_scheduler(address)
+        require_scheduler(self.project.file, address)
         runner = DaskRunner.start(address)
         try:
             yield self.project.evaluated_by(runner)
@@ -731,11 +663,6 @@ class Session:
             return None
         own, whole = sum(data.samples for data in problem.datasets), count_samples(problem)
         return (own, whole) if own < whole else None
-
-    def _read_channels(self, recording: LiveDataset, names: Collection[str]) -> dict[str, Float]:
-        """Return the channels that the recordings have of these, which only plots need, over the drawn samples."""
-        channels = self._data.further_channels(recording.number, recording.bound.dataset, names)
-        return {name: recording.at_samples(channel.values) for name, channel in channels.items()}
 
     def _evaluate(self) -> None:
         """Evaluate the model at the present values."""

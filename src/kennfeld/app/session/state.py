@@ -239,6 +239,15 @@ class History:
         entry = self._entries[self._at]
         self._entries[self._at :] = [Entry(command.apply(entry.state), entry.title)]
 
+    def hold(self, texts: Texts, saved: SessionState) -> SessionState:
+        """Let every state hold texts that it lacks, as they are on disk, and return `saved` with them.
+
+        Once a command has replaced such a text and it is saved, the disk no longer has what an undo brings back.
+        """
+        held = {id(entry.state): replace(entry.state, texts={**texts, **entry.state.texts}) for entry in self._entries}
+        self._entries = [Entry(held[id(entry.state)], entry.title) for entry in self._entries]
+        return held.get(id(saved)) or replace(saved, texts={**texts, **saved.texts})
+
     def note_tables(self, tables: Mapping[str, Parameter]) -> None:
         """Note the tables for which the present values were given, if they are not known yet."""
         entry = self._entries[self._at]
@@ -275,7 +284,19 @@ class History:
         return following[0].title if following else ""
 
     def titles_since(self, saved: SessionState) -> list[str]:
-        """Return the titles of the commands since a state, in order; all if it is not in the history."""
-        entries = self._entries[: self._at + 1]
-        begin = max((i for i, entry in enumerate(entries) if entry.state is saved), default=0)
-        return [entry.title for entry in entries[begin + 1 :]]
+        """Return the titles of the commands since a state, in order; all if it is not in the history.
+
+        Commands up to that state that were undone since are `Undone: Dragged MapX`; if the present state is the same,
+        there is none.
+        """
+        if self.state == saved:
+            return []
+        states = [entry.state for entry in self._entries]
+        # after reading from disk, the saved state is an equal one
+        places = [k for k, state in enumerate(states) if state is saved] or [
+            k for k, state in enumerate(states) if state == saved
+        ]
+        begin = max((place for place in places if place <= self._at), default=None)
+        if begin is None and places:
+            return [f"Undone: {entry.title}" for entry in self._entries[self._at + 1 : places[0] + 1]]
+        return [entry.title for entry in self._entries[(begin or 0) + 1 : self._at + 1]]

@@ -33,7 +33,7 @@ class View:
 
     @cached_property
     def evidence(self) -> Evidence:
-        """The lookups at the present values."""
+        """The lookups at the present values, or at earlier ones with the same places."""
         return Evidence(self.model, self.now.parameters)
 
     @cached_property
@@ -56,10 +56,9 @@ class View:
         self.now = self.start if parameters is initial else self.model.evaluate(parameters)
         self.signals.follow(self.now)
         # cached properties at the values before
-        for name in ("evidence", "file_sums"):
-            self.__dict__.pop(name, None)
-        moved = any(not table.has_grid_of(before[table.name]) for table in parameters.parameters)
-        # counts stay the same if no lookup can have moved
-        if moved or not self.model.unmoved.issuperset(self.samples):
+        self.__dict__.pop("file_sums", None)
+        # lookups and their counts depend on few of the values, and take longer than the function itself
+        if self.model.moves_lookups(before, parameters):
+            self.__dict__.pop("evidence", None)
             self.samples = self.evidence.sample_counts()
         return findings

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from kennfeld.base.errors import Finding, Location
 from kennfeld.graph.integration import SOLVERS
-from kennfeld.importers.simulink import blocks
+from kennfeld.importers.simulink.blocks.sources import pulse_times
 from kennfeld.importers.simulink.expressions.parameter_expressions import ParameterExpressions
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock
 from kennfeld.importers.simulink.lowering.registry import has_continuous_states
@@ -111,7 +111,7 @@ def _periods(flat_blocks: Sequence[FlatBlock], expressions: ParameterExpressions
         try:
             rate = explicit_sample_time(flat, expressions)
             numbers += [rate.period, rate.offset] if rate is not None else []
-            numbers += blocks.sources.pulse_times(flat, expressions)
+            numbers += pulse_times(flat, expressions)
         except EvaluationError:
             continue
     return [period for period in numbers if 0 < period < CONSTANT]

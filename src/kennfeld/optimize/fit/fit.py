@@ -116,7 +116,7 @@ class FitRun:
     def with_start(self, problem: Problem) -> "FitRun":
         """Return the same run from other values of its free parameters; nothing is compiled again."""
         other = copy(self)
-        for cached in ("scorer", "outputs"):  # they depend on the start
+        for cached in ("scorer", "outputs", "limits"):  # they depend on the start
             other.__dict__.pop(cached, None)
         other.problem, other.exact = problem, self.exact.with_start(problem)
         other.objective = LeastSquaresObjective(other.exact)
@@ -141,7 +141,7 @@ class FitRun:
 
     def _result_without_data(self, cost: float, values: Float, message: str) -> Result:
         """Return the best values of a search whose data cannot be evaluated any more; their errors are unknown."""
-        movable = int(linear_limits(self.problem, self.exact.values).movable.sum())
+        movable = int(self.limits.movable.sum())
         elapsed = time.perf_counter() - self.began
         unrounded = "" if self.problem.rounding is None else " The values are not rounded to storage."
         return Result(
@@ -166,7 +166,7 @@ class FitRun:
             _ = self.outputs  # compiled here, so that its time counts as such
         self.compile = time.perf_counter() - self.began
         before = self.objective.cost(self.objective.start)
-        limits = linear_limits(self.problem, self.exact.values)
+        limits = self.limits
         end, remark = self.minimise(search, begin)
         fitted = self.parameters(end.values)
         informed = self._informed(end)
@@ -234,7 +234,7 @@ class FitRun:
         """
         self.exact.rejected.clear()
         initial = self.objective.start
-        limits = linear_limits(self.problem, self.exact.values)
+        limits = self.limits
         tolerance = self.options.settings.tolerance
         start, remark = self.feasible_start(limits)
         if start is None:
@@ -268,6 +268,11 @@ class FitRun:
     @cached_property
     def scorer(self) -> Scorer:
         return Scorer(self.problem)
+
+    @cached_property
+    def limits(self) -> LinearLimits:
+        """Bounds and linear rows of the free values."""
+        return linear_limits(self.problem, self.exact.values)
 
     @cached_property
     def outputs(self) -> OutputLimits | None:
@@ -347,6 +352,7 @@ class FitRun:
         other.exact = other.thinned = part.compiled(self.exact)
         other.objective, other.continuation = LeastSquaresObjective(other.exact), None
         other._whole, other._misled = self, None
+        other.__dict__.pop("limits", None)
         return other
 
     def _is_finished(self, values: Float, start: Float, limits: LinearLimits) -> bool:

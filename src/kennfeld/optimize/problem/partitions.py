@@ -83,7 +83,7 @@ class Recordings:
 
     def begins_inside(self, part: Part) -> bool:
         """Return whether a part begins within a piece of its file."""
-        return part.first not in self._prepared(part).starts
+        return part.first not in self._prepared(part).piece_starts
 
     def _prepared(self, part: Part) -> Dataset:
         prepared = self.files.file(self.recipes[part.dataset], part.source)

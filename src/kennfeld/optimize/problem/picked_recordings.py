@@ -48,7 +48,7 @@ def count_recordings(compiled: _CompiledPartition) -> list[PartRecording]:
     """Return the recordings of one partition; for models with memory, whose samples are in the order of the data."""
     samples, recordings, end = compiled.samples, list[PartRecording](), 0
     for number, bound in enumerate(compiled.problem.gathered):
-        starts, kept = bound.dataset.starts, bound.kept
+        starts, kept = bound.dataset.piece_starts, bound.kept
         counts = np.zeros((starts.size, len(samples.targets)), dtype=np.int64)
         for piece in samples.pieces:
             if end <= piece.first < end + bound.count:

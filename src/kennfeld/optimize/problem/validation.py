@@ -252,7 +252,7 @@ def step_findings(
         elif step is not None:
             steps = np.array([step])
         elif data.time is not None:
-            steps = np.delete(np.diff(data.time), data.starts[1:] - 1)  # within pieces
+            steps = np.delete(np.diff(data.time), data.piece_starts[1:] - 1)  # within pieces
         else:
             message = f"{', '.join(trained)} runs in time, but dataset {data.name} has no time stamps"
             yield Finding(location(data), message, "Name the time channel `time`.")

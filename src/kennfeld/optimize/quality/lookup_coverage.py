@@ -14,7 +14,7 @@ from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
 from kennfeld.graph import Graph
 from kennfeld.graph.interpolation import position
-from kennfeld.graph.traversal import dependents, with_names
+from kennfeld.graph.traversal import ancestors_in_time, dependents, with_names
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.quality.quality import NodeSimulator
 from kennfeld.preprocessing.binding import BoundDataset
@@ -161,6 +161,13 @@ def unmoved_tables(graph: Graph) -> frozenset[str]:
     lookups = [node for node in graph.nodes if node.op == "lookup"]
     moved = {node.payload for node in lookups if any(at in moving for at in node.args)}
     return frozenset(node.payload for node in lookups) - moved
+
+
+def moving_parameters(graph: Graph) -> frozenset[str]:
+    """Return the parameters whose values move a coordinate at which a table is looked up."""
+    coordinates = (at for node in graph.nodes if node.op == "lookup" for at in node.args)
+    sources = (graph.nodes[at].parameter for at in ancestors_in_time(graph, coordinates))
+    return frozenset(name for name in sources if name is not None)
 
 
 def cell_shape(table: Parameter) -> tuple[int, ...]:

@@ -74,12 +74,14 @@ def isolated(work: Callable[_Arguments, _Outcome]) -> Callable[_Arguments, _Outc
     cannot be sent to another process: such a call runs here, without protection.
     """
     taken = signature(work)
+    name = next(name for name in taken.parameters if name in ("model", "problem"))
+    place = [*taken.parameters].index(name)
 
     @wraps(work)
     def call(*arguments: _Arguments.args, **named: _Arguments.kwargs) -> _Outcome:
-        values = taken.bind(*arguments, **named).arguments
-        if not _needs_process(values.get("model") or values.get("problem")):
+        if not _needs_process(arguments[place] if place < len(arguments) else named.get(name)):
             return work(*arguments, **named)
+        values = taken.bind(*arguments, **named).arguments
         progress: Progress | None = values.pop(_PROGRESS, None)
         request = _Request(work.__module__, work.__qualname__, values, str(Path.cwd()), progress is not None)
         try:

@@ -4,7 +4,7 @@ Small problems are factored by QR of the Jacobian, which keeps the digits that t
 """
 
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -57,12 +57,24 @@ class Objective(Protocol):
         """Return the factorisation for the matrix of `size` values, which knows the zeros of earlier ones."""
 
 
-class DampedModel(NamedTuple):
-    """The factor of H + D, the step -(H + D)^-1 g without limits, and the damping D."""
+class DampedModel:
+    """The factor of H + D, the step -(H + D)^-1 g without limits, and the damping D; Float[values] each.
 
-    factor: Factor
-    step: Float
-    damping: Float  # Float[values]
+    Args:
+        factor: of H + D, or its lower triangle, Float[values, values]: many steps need no factor.
+        step: the step.
+        damping: the diagonal of D.
+    """
+
+    def __init__(self, factor: Factor | Float, step: Float, damping: Float) -> None:
+        self._factor, self.step, self.damping = factor, step, damping
+
+    @property
+    def factor(self) -> Factor:
+        """The factor of H + D."""
+        if not isinstance(self._factor, Factor):
+            self._factor = Factor.of(self._factor)
+        return self._factor
 
 
 class GaussNewtonModel:
@@ -105,7 +117,7 @@ class GaussNewtonModel:
 
     @property
     def finite(self) -> bool:
-        return bool(np.all(np.isfinite(self.gradient)) and np.all(np.isfinite(self.column_scale)))
+        return bool(np.isfinite(self.gradient).all() and np.isfinite(self.column_scale).all())
 
     def remembered_scale(self, earlier: Float | None) -> Float:
         """Return the column scale, Float[movable], at least half the one remembered before."""
@@ -128,9 +140,8 @@ class GaussNewtonModel:
             secant: added to J'J.
             least: least damping, as a share of the mean curvature.
         """
-        with np.errstate(over="ignore"):
-            damped = np.maximum(damping * self.column_scale, least * self.curvature)
-        if not np.all(np.isfinite(damped)):
+        damped = np.maximum(damping * self.column_scale, least * self.curvature)
+        if not np.isfinite(damped).all():
             return None
         if secant is not None or self.hessian is not None:
             matrix = self.r_factor.T @ self.r_factor if self.hessian is None else self.hessian
@@ -141,10 +152,16 @@ class GaussNewtonModel:
             return None if factor is None else DampedModel(factor, factor.solve(-self.gradient), damped)
         # QR of [R; sqrt(lambda D)], whose R is the factor of R'R + lambda D
         # the held directions are damped only if the damping itself is too small to hold them
-        stacked = np.vstack([self.r_factor, np.diag(np.sqrt(damped)), *([self._held] if damping < HOLD else [])])
+        n, held = damped.size, self._held if damping < HOLD else None
+        rows = 2 * n + (0 if held is None else len(held))
+        stacked, rotated_residual = np.zeros((rows, n)), np.zeros(rows)
+        stacked[:n] = self.r_factor
+        stacked.reshape(-1)[n * n : 2 * n * n : n + 1] = np.sqrt(damped)
+        if held is not None:
+            stacked[2 * n :] = held
         # the damping rows have a target of 0
-        below = np.zeros(len(stacked) - self.q_residual.size)
-        upper, rotated = _triangle(stacked, np.concatenate([self.q_residual, below]))
+        rotated_residual[:n] = self.q_residual
+        upper, rotated = _triangle(stacked, rotated_residual)
         diagonal = upper.diagonal()
         if np.abs(diagonal).min(initial=1.0) <= 0:
             return None
@@ -152,7 +169,7 @@ class GaussNewtonModel:
         sign = np.where(diagonal < 0, -1.0, 1.0)
         lower = np.ascontiguousarray((sign[:, None] * upper).T)
         step = np.asarray(np.linalg.solve(upper, -rotated), dtype=np.float64)
-        return DampedModel(Factor.of(lower), step, damped)
+        return DampedModel(lower, step, damped)
 
     @property
     def little_damping(self) -> float:
@@ -176,7 +193,7 @@ class GaussNewtonModel:
         # r'' along d from one more evaluation: r(p + h d) = r + h J d + h^2 / 2 r'', so that
         # r'' = 2 / h ((r(p + h d) - r) / h - J d)
         ahead = self.objective.residual(trial)
-        if not np.all(np.isfinite(ahead)):
+        if not np.isfinite(ahead).all():
             return np.full(step.size, np.inf)
         second_derivative = (2 / PROBE) * ((ahead - self.residual) / PROBE - self.jacobian @ step)
         return factor.solve(-(self.jacobian.T @ second_derivative))
@@ -188,7 +205,7 @@ class GaussNewtonModel:
     def predicted_reduction(self, step: Float) -> float:
         """Compute the decrease of the cost -2 g'd - d'J'J d over a step d, Float[movable]."""
         # d'J'J d as the square of R d, which keeps the digits that R'R loses
-        curvature = np.sum((self.r_factor @ step) ** 2) if self.hessian is None else step @ (self.hessian @ step)
+        curvature = ((self.r_factor @ step) ** 2).sum() if self.hessian is None else step @ (self.hessian @ step)
         return float(-2 * (self.gradient @ step) - curvature)
 
     def damped_reduction(self, step: Float, damped: DampedModel, push: float) -> float:
@@ -207,8 +224,7 @@ class GaussNewtonModel:
 
     def scaled_norm(self, step: Float) -> float:
         """Compute sqrt(d'D d), the length of a step d, Float[movable], in the values' own scales."""
-        with np.errstate(over="ignore"):
-            return float(np.sqrt(np.sum(self.column_scale * step * step)))
+        return float(np.sqrt((self.column_scale * step * step).sum()))
 
 
 class SecantCorrection:
@@ -239,7 +255,7 @@ class SecantCorrection:
         along = float(change @ step)
         remainder = change - explained
         # y'd > 0 keeps the update bounded; steps against it teach nothing
-        if not (np.isfinite(along) and along > 0 and np.all(np.isfinite(remainder))):
+        if not (np.isfinite(along) and along > 0 and np.isfinite(remainder).all()):
             return
         known = self.curvature(step)
         # so that d'S d is at most what is left to explain, |d'(y - J'J d)|
@@ -251,7 +267,7 @@ class SecantCorrection:
             outer = np.outer(missing, direction)
             matrix = share * self.matrix + outer + outer.T
             matrix -= float(step @ missing) * np.outer(direction, direction)
-        if np.all(np.isfinite(matrix)):
+        if np.isfinite(matrix).all():
             self.matrix = matrix
 
 

@@ -16,7 +16,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from kennfeld.base.arrays import Float, Int
+from kennfeld.base.arrays import Float, Int, ignore_floating_errors
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.optimize.solver.certificate import Certificate
 from kennfeld.optimize.solver.costs_beside import certificate_of_costs
@@ -233,24 +233,28 @@ class _LevenbergMarquardt:
         )
 
     def run(self) -> SolverResult:
-        state = self.state
         try:
-            state.cost = self.objective.cost(state.values)
-            if not np.isfinite(state.cost):
-                return self._end("failed", "The cost is not a finite number at the start.")
-            if not self.movable.size:
-                return self._end("converged", "No value is free to move.")
-            return self._iterate()
+            # once, not at each of the operations that may overflow: entering it takes as long as one of them
+            with ignore_floating_errors():
+                return self._search()
         except (Stop, KeyboardInterrupt) as request:
             return self._end("stopped", str(request) or STOPPED)
 
-    def certify(self) -> Certificate | None:
+    def _search(self) -> SolverResult:
         state = self.state
         state.cost = self.objective.cost(state.values)
-        if not np.isfinite(state.cost) or not self.movable.size:
-            return None
-        model = GaussNewtonModel(self.objective, state.values, self.movable)
-        return self._certificate(model, self._undamped_step(model)) if model.finite else None
+        if not np.isfinite(state.cost):
+            return self._end("failed", "The cost is not a finite number at the start.")
+        return self._iterate() if self.movable.size else self._end("converged", "No value is free to move.")
+
+    def certify(self) -> Certificate | None:
+        state = self.state
+        with ignore_floating_errors():
+            state.cost = self.objective.cost(state.values)
+            if not np.isfinite(state.cost) or not self.movable.size:
+                return None
+            model = GaussNewtonModel(self.objective, state.values, self.movable)
+            return self._certificate(model, self._undamped_step(model)) if model.finite else None
 
     def _iterate(self) -> SolverResult:
         state = self.state

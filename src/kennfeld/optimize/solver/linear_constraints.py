@@ -120,7 +120,7 @@ class LinearLimits:
 
     def clip(self, values: Float) -> Float:
         """Clip values, Float[values], to their bounds."""
-        return np.asarray(np.clip(values, self.lower, self.upper))
+        return np.asarray(values.clip(self.lower, self.upper))
 
     def violations(self, values: Float, size: Float) -> Float:
         """Compute the violation of each row, Float[rows], relative to its scale for values of this typical size."""
@@ -137,8 +137,10 @@ class LinearLimits:
 
     def keeps(self, values: Float) -> bool:
         """Return True if all rows hold exactly for values, Float[values]."""
+        if not self.rows.count:
+            return True
         product = self.rows.times(values)
-        return bool(np.all((product >= self.rows.lower) & (product <= self.rows.upper)))
+        return bool(((product >= self.rows.lower) & (product <= self.rows.upper)).all())
 
     def sizes(self, values: Float) -> Float:
         """Find for each value the largest magnitude in its table, Float[values]."""

@@ -52,6 +52,7 @@ class QuadraticProgram:
         rows = limits.rows
         lower, upper = np.concatenate([limits.lower, rows.lower]), np.concatenate([limits.upper, rows.upper])
         self.chosen = ChosenLimits(lower, upper, rows.columns, rows.coefficients)
+        self._unlimited = not (np.isfinite(lower).any() or np.isfinite(upper).any())
         self.gram: Gram | None = None
 
     def solve(self, factor: Factor, free_step: Float, at: Float, guess: Int | None = None) -> QpSolution:
@@ -64,6 +65,8 @@ class QuadraticProgram:
             guess: limits likely to be active, Int[values + rows].
         """
         chosen = self.chosen
+        if self._unlimited:
+            return QpSolution(free_step, np.zeros(chosen.total, dtype=np.int64))
         chosen.restart(at, free_step)
         violated = chosen.violated(free_step)
         if not violated and not chosen.equalities:

@@ -98,7 +98,8 @@ class LeastSquaresObjective:
         """Compute residuals, Float[residuals], with those of the roughness below."""
         residual = self._sums.residual(self._values(values))
         self._check(residual, values)
-        return np.concatenate([residual, self._compiled.roughness.rows(values)[0]])
+        rough = self._compiled.roughness.rows(values)[0]
+        return np.concatenate([residual, rough]) if rough.size else residual
 
     def rows(self, values: Float) -> tuple[Float, Float]:
         """Compute residuals and Jacobian, Float[residuals, free], with those of the roughness below."""
@@ -106,10 +107,10 @@ class LeastSquaresObjective:
         self._check(residual, values)
         jacobian[:, self._faint(_squares(jacobian))] = 0.0
         rough, rows = self._compiled.roughness.rows(values)
-        return np.concatenate([residual, rough]), np.vstack([jacobian, rows])
+        return (np.concatenate([residual, rough]), np.vstack([jacobian, rows])) if rough.size else (residual, jacobian)
 
     def _check(self, residual: Float, values: Float) -> None:
-        if not np.all(np.isfinite(residual)):
+        if not np.isfinite(residual).all():
             self._compiled.rejected.add(values)
 
     def faint(self, values: Float) -> Bool:
@@ -206,7 +207,7 @@ class _Sensitivity:
             curvature: that of the data along each free value there, Float[free].
             curvature_at: computes it at other values.
         """
-        if not np.all(np.isfinite(curvature)):
+        if not np.isfinite(curvature).all():
             return np.zeros(curvature.size, dtype=bool)
         least = np.maximum(FADED**2 * self.everywhere(values), TINY**2 * self._largest(curvature))
         faint: Bool = curvature <= least

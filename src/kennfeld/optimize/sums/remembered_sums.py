@@ -1,5 +1,7 @@
 """Sums that remember their last results: a fit asks several times for those at its start and at its end."""
 
+from typing import Any
+
 import numpy as np
 
 from kennfeld.base.arrays import Float, Int
@@ -8,6 +10,7 @@ from kennfeld.native.column_table import ColumnTable
 from kennfeld.optimize.sums.sums import NormalEquations, Sums, TapeVisitor
 
 MOST_COSTS = 8
+MOST_ROWS, MAX_ROW_ENTRIES = 4, 10_000  # of few samples, each end is asked for its rows by several checks
 MIN_SAMPLES = 0.125  # per entry of the matrix; for fewer samples the sums take hardly longer than a copy of the matrix
 
 
@@ -36,6 +39,7 @@ class RememberedSums:
         self._sums, self._samples, self._targets, self.widths = sums, samples, targets, sums.widths
         self._costs: dict[bytes, float] = {}
         self._last: tuple[bytes, _Copy] | None = None
+        self._rows: dict[bytes, tuple[Float, Float]] = {}
 
     @property
     def stateful(self) -> bool:
@@ -50,9 +54,7 @@ class RememberedSums:
         """See `Sums`."""
         key = self._key(values)
         if key not in self._costs:
-            if len(self._costs) >= MOST_COSTS:
-                # the oldest one
-                del self._costs[next(iter(self._costs))]
+            _make_room(self._costs, MOST_COSTS)
             self._costs[key] = self._sums.cost(values)
         return self._costs[key]
 
@@ -74,7 +76,16 @@ class RememberedSums:
 
     def rows(self, values: Float) -> tuple[Float, Float]:
         """See `Sums`."""
-        return self._sums.rows(values)
+        key = self._key(values)
+        known = self._rows.get(key)
+        if known is None:
+            known = self._sums.rows(values)
+            if known[1].size > MAX_ROW_ENTRIES:
+                return known
+            _make_room(self._rows, MOST_ROWS)
+            self._rows[key] = known
+        # the caller may change what it gets
+        return known[0].copy(), known[1].copy()
 
     def rows_at(self, values: Float, visits: Int) -> Float:
         """See `Sums`."""
@@ -96,3 +107,9 @@ class RememberedSums:
         """Return a key of all that the sums depend on: values, widths, and targets that may change in place."""
         version = 0 if self._targets is None else self._targets.version
         return values.tobytes() + self.widths.tobytes() + version.to_bytes(8, "little")
+
+
+def _make_room(remembered: dict[bytes, Any], most: int) -> None:
+    if len(remembered) >= most:
+        # the oldest one
+        del remembered[next(iter(remembered))]

@@ -137,7 +137,7 @@ def _keys(datasets: Sequence[Dataset]) -> Sequence[Key]:
 def _recordings(problem: Problem, bound: BoundDataset) -> Iterator[tuple[int, int]]:
     """Yield the range of samples of each recording in time."""
     # with states, a recording ends where they start anew
-    starts = bound.starts if problem.graph.states else bound.dataset.starts
+    starts = bound.starts if problem.graph.states else bound.dataset.piece_starts
     if bound.dataset.time is not None and bound.hold is None:
         yield from pairwise([*starts.tolist(), bound.count])
 

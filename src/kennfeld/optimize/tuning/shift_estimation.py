@@ -417,13 +417,13 @@ class _ShiftSearch:
 
 def half_width(data: Dataset) -> int:
     """Return half the width of the window in samples: a quarter of the longest piece, at most `WINDOW`."""
-    longest = int(np.diff([*data.starts, data.samples]).max())
+    longest = int(np.diff([*data.piece_starts, data.samples]).max())
     return min(WINDOW, max(longest // 4, 1))
 
 
 def _greatest_half_width(data: Dataset) -> int:
     """Return half the width up to which a window may grow: a quarter of the piece that the median sample is in."""
-    lengths = np.diff([*data.starts, data.samples])
+    lengths = np.diff([*data.piece_starts, data.samples])
     # not the median piece: many short ones may hold few of the samples
     typical = int(np.sort(lengths)[np.searchsorted(np.cumsum(np.sort(lengths)), data.samples / 2)])
     return min(WIDEST, max(typical // 4, 1))
@@ -443,4 +443,4 @@ def sample_time(data: Dataset) -> float:
     if data.time is None or data.samples < 2:
         return 1.0
     # without the jumps of time from one piece to the next
-    return float(np.median(np.delete(np.diff(data.time), data.starts[1:] - 1)))
+    return float(np.median(np.delete(np.diff(data.time), data.piece_starts[1:] - 1)))

@@ -13,6 +13,7 @@ import {
   inputs,
   languages,
   method,
+  platforms,
   rounds,
   signals,
   step,
@@ -75,12 +76,32 @@ export function FmuPane({ own }: { own: ControlUnit }) {
           ? "Inputs that are set before a step count at its end, to which the outputs behind it belong."
           : "Inputs that are set before a step count at its start, as tools do that hold them over the step."}
       </p>
+      <div class="platforms" role="group" aria-label="Platforms" title={own.cross}>
+        {own.platforms.map((each) => (
+          <label class={own.cross === "" ? "" : "q"}>
+            <input
+              type="checkbox"
+              disabled={own.cross !== ""}
+              checked={platforms.value.includes(each)}
+              onChange={(event) => {
+                const others = platforms.value.filter((other) => other !== each);
+                platforms.value = event.currentTarget.checked ? [...others, each] : others;
+              }}
+            />
+            {each}
+          </label>
+        ))}
+      </div>
       <p class="pad q" id="fmu-platform">
         {own.compiler === "" ? (
-          <span class="warn">No C compiler found: the FMU has its sources only.</span>
+          <span class="warn">No C compiler found: the FMU has its sources only. </span>
         ) : (
-          `Compiled by ${own.compiler} for this computer; other platforms compile its sources.`
+          `Compiled by ${own.compiler} for this computer, ${own.platform}. `
         )}
+        {own.cross === ""
+          ? "Libraries for the ticked platforms are added; they cannot be run here. "
+          : "Libraries for other platforms need the package ziglang. "}
+        All others compile the sources in it.
       </p>
     </section>
   );

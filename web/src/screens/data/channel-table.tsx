@@ -21,7 +21,7 @@ import {
 } from "../../data-files";
 import { extent, line, type Pen } from "../../drawing/canvas";
 import { token } from "../../drawing/colours";
-import { counted, MISSING, numberText, parseNumber, plain, significant, unitText } from "../../drawing/numbers";
+import { counted, MISSING, numberText, parseNumber, plain, signed, significant, unitText } from "../../drawing/numbers";
 import { pairPositions } from "../../drawing/strips";
 import { Segment } from "../../fields";
 import { Icon } from "../../icons";
@@ -30,7 +30,9 @@ import { FindingLine } from "../../instruments/finding";
 import { Picture } from "../../instruments/picture";
 import { Proposals } from "../../instruments/proposals";
 import type { MappedInput } from "../../replies";
+import { scoped } from "../../scope";
 import { setKeys } from "../../settings";
+import { secondsPerPixel, shiftOfDrag, slotOf } from "../../shift-drag";
 import { message, screen, settled, state } from "../../store";
 
 const MAX_FURTHER = 300; // channels that nothing reads, of which rows are drawn
@@ -179,6 +181,40 @@ function keys(event: KeyboardEvent): void {
   event.preventDefault();
 }
 
+/** A drag along the line of a channel: where it began, and the shift that it asks for. */
+const drag = scoped<{ channel: string; from: number; seconds: number } | null>(null);
+
+type CellPointer = PointerEvent & { currentTarget: HTMLElement };
+
+const isShiftable = (channel: string): boolean => sampleStep() !== null && shiftOf(channel) !== "auto";
+
+/** What handles a drag to the side, which shifts a channel by whole samples. */
+function dragOf(channel: string) {
+  const end = (keep: boolean) => {
+    const own = drag.value;
+    drag.value = null;
+    if (keep && own !== null && own.seconds !== 0) addShift(channel, own.seconds);
+  };
+  return {
+    onPointerDown: (event: CellPointer) => {
+      if (event.button !== 0 || !isShiftable(channel)) return;
+      event.currentTarget.setPointerCapture(event.pointerId);
+      drag.value = { channel, from: event.clientX, seconds: 0 };
+    },
+    onPointerMove: (event: CellPointer) => {
+      if (drag.value?.channel !== channel) return;
+      const { left, width } = event.currentTarget.getBoundingClientRect();
+      const [from, to] = [drag.value.from - left, event.clientX - left];
+      const seconds = shiftOfDrag(from, to, width, errors.value?.files ?? [], sampleStep() ?? 0);
+      if (seconds === drag.value.seconds) return;
+      drag.value = { ...drag.value, seconds };
+      message.value = `${channel}: ${signed(seconds)} s`;
+    },
+    onPointerUp: () => end(true),
+    onPointerCancel: () => end(false),
+  };
+}
+
 /** The shortest time between samples of the used files; null for steady points. */
 function sampleStep(): number | null {
   const steps = entries.value
@@ -193,6 +229,7 @@ function Row({ own }: { own: MappedInput }) {
   const names = [...recorded.value.keys()];
   const at = mapped.value.indexOf(own.channel);
   const facts = small.value?.signals[at];
+  const moved = drag.value?.channel === own.channel ? drag.value.seconds : 0;
   const gaps = Object.values(facts?.gaps ?? {}).reduce((sum, each) => sum + each.length, 0);
   return (
     <tr
@@ -224,12 +261,16 @@ function Row({ own }: { own: MappedInput }) {
       </td>
       <td class="num">{numberText(described?.least)}</td>
       <td class="num">{numberText(described?.greatest)}</td>
-      <td class="line">
+      <td
+        class="line"
+        title={isShiftable(own.channel) ? "A drag to the side shifts the channel" : ""}
+        {...dragOf(own.channel)}
+      >
         <Picture
           label={`${own.channel} in all files`}
           kind="spark"
-          draw={(pen, wide, high) => drawLines(pen, wide, high, at)}
-          of={[small.value, at, fileCount.value]}
+          draw={(pen, wide, high) => drawLines(pen, wide, high, at, moved)}
+          of={[small.value, at, fileCount.value, moved]}
         />
       </td>
       <td>
@@ -340,8 +381,8 @@ function Estimate({ channel }: { channel: string }) {
   );
 }
 
-/** The lines of a channel in all files, on one scale; a gap is a hole. */
-function drawLines(pen: Pen, wide: number, high: number, signal: number): void {
+/** The lines of a channel in all files, on one scale; a gap is a hole. While they are dragged, the recorded ones stay. */
+function drawLines(pen: Pen, wide: number, high: number, signal: number, moved: number): void {
   const files = errors.value?.files.length ?? 0;
   const lines = small.value?.lines ?? {};
   const own = Array.from({ length: files }, (_, k) => lines[`${signal} ${k}`] ?? new Float32Array());
@@ -353,9 +394,14 @@ function drawLines(pen: Pen, wide: number, high: number, signal: number): void {
       pen.fillRect(Math.round(k * each), 0, 1, high);
     }
     if (points.length < 4) return;
-    const xs = pairPositions(points, k * each + 2, (k + 1) * each - 2);
+    const [left, right] = slotOf(k, files, wide);
+    const xs = pairPositions(points, left, right);
     const ys = Float64Array.from(points, (y) => high - 3 - (top > low ? (y - low) / (top - low) : 0.5) * (high - 6));
-    line(pen, xs, ys, token("measured"), 1);
+    if (moved !== 0) line(pen, xs, ys, token("before"), 1);
+    const scale = secondsPerPixel(k, errors.value?.files ?? [], wide);
+    const by = moved === 0 || scale === 0 ? 0 : moved / scale;
+    const shown = xs.map((x) => (x + by >= left && x + by <= right ? x + by : NaN));
+    line(pen, shown, ys, token("measured"), 1);
   });
 }
 

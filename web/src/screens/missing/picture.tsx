@@ -1,9 +1,10 @@
-// The fitted term over its channel with its standard deviation, and the errors without it and with it.
+// The fitted term over its channel with its standard deviation, or over both of them, and the errors without and with it.
 
-import { area, extent, line, type Pen, widened } from "../../drawing/canvas";
-import { token } from "../../drawing/colours";
+import { area, type Box, extent, line, type Pen, widened } from "../../drawing/canvas";
+import { css, diverging, token } from "../../drawing/colours";
+import { drawCells } from "../../drawing/grid";
 import { band, dots, rules } from "../../drawing/marks";
-import { significant, withUnit } from "../../drawing/numbers";
+import { plain, significant, withUnit } from "../../drawing/numbers";
 import { Picture } from "../../instruments/picture";
 import { otherPlace, proposal, shownTerm } from "../../missing";
 import type { Questions, ShownTerm } from "../../replies";
@@ -27,11 +28,13 @@ export function TermPicture() {
             <>
               <span class="key">
                 <i style={{ color: "var(--model)" }} />
-                {kind === "lag" ? "step response" : "curve"}
+                {kind === "lag" ? "step response" : head.second ? "map" : "curve"}
               </span>
-              <span class="key">
-                <i class="box sigma" />± 1 σ
-              </span>
+              {!head.second && (
+                <span class="key">
+                  <i class="box sigma" />± 1 σ
+                </span>
+              )}
             </>
           )}
         </span>
@@ -48,9 +51,9 @@ export function TermPicture() {
       ) : (
         <Picture
           kind="body"
-          label="The proposed curve, and the errors over its channel"
+          label={`The proposed ${reply.head.second ? "map" : "curve"}, and the errors over its channel`}
           of={[reply, own]}
-          draw={(pen, width, height) => drawCurve(pen, width, height, reply.head, reply.arrays, kind, own.node)}
+          draw={(pen, width, height) => drawTable(pen, width, height, reply.head, reply.arrays, kind, own.node)}
         />
       )}
     </section>
@@ -64,7 +67,7 @@ function subtitle(kind: string, head: ShownTerm | undefined): string {
   return "a first fit, with its standard deviation";
 }
 
-function drawCurve(
+function drawTable(
   pen: Pen,
   width: number,
   height: number,
@@ -77,6 +80,67 @@ function drawCurve(
   const [left, right, counts] = [54, width - 14, 26];
   const middle = Math.max(90, Math.round((height - counts - 40) * 0.56));
   const upper = { left, right, top: 10, bottom: middle };
+  if (head.second) drawMap(pen, upper, head, kind, node);
+  else drawCurve(pen, upper, range, head, kind, node);
+  drawErrors(pen, { left, right, top: middle + 10, bottom: height - counts - 38 }, range, head, {
+    before,
+    after,
+    x,
+    error,
+    edges,
+  });
+  drawCounts(pen, { left, right, top: height - counts - 32, bottom: height - 34 }, range, head, edges);
+}
+
+/** Draw the values of a map as cells with their numbers: the first channel to the right, the second one upwards. */
+function drawMap(pen: Pen, { left, right, top, bottom }: Box, head: ShownTerm, kind: string, node: string): void {
+  const [nx, ny] = [head.points.length, head.secondPoints.length];
+  const box = { left, right, top: top + 16, bottom: bottom - 18 };
+  const at = (i: number, j: number) => head.now[i * ny + j] ?? NaN;
+  const reach = Math.max(...head.now.map((value) => Math.abs(value - head.neutral))) || 1;
+  const paint = (i: number, j: number) => css(diverging((at(i, j) - head.neutral) / reach));
+  const cell = drawCells(pen, box, nx, ny, (i, j) => (Number.isFinite(at(i, j)) ? paint(i, j) : null));
+  pen.textBaseline = "middle";
+  for (let i = 0; i < nx; i++) {
+    for (let j = 0; j < ny; j++) {
+      const own = cell(i, j);
+      const text = significant(at(i, j), 2);
+      pen.textAlign = "center";
+      pen.fillStyle = token("ink");
+      if (pen.measureText(text).width < own.right - own.left - 4 && own.bottom - own.top >= 11)
+        pen.fillText(text, (own.left + own.right) / 2, (own.top + own.bottom) / 2);
+    }
+  }
+  pen.fillStyle = token("quiet");
+  head.points.forEach((value, i) => {
+    const own = cell(i, 0);
+    pen.textAlign = "center";
+    pen.fillText(plain(value, 3), (own.left + own.right) / 2, box.bottom + 9);
+  });
+  head.secondPoints.forEach((value, j) => {
+    const own = cell(0, j);
+    pen.textAlign = "right";
+    pen.fillText(plain(value, 3), box.left - 5, (own.top + own.bottom) / 2);
+  });
+  pen.textBaseline = "alphabetic";
+  const verb = kind === "multiply" ? `factor on ${node}` : `added to ${node}`;
+  note(
+    pen,
+    `${verb}; ${withUnit(head.second, head.secondUnit)} upwards, no term: ${head.neutral}`,
+    left,
+    top + 8,
+    "text",
+  );
+}
+
+function drawCurve(
+  pen: Pen,
+  upper: Box,
+  range: readonly [number, number],
+  head: ShownTerm,
+  kind: string,
+  node: string,
+): void {
   const spread = head.points.map((_, k) => head.deviation[k] ?? 0);
   const ends = head.now.flatMap((value, k) => [value - spread[k]!, value + spread[k]!]);
   const plot = area(pen, upper, range, widened(extent(ends, [head.neutral]), 0.12), { unlabelled: true });
@@ -90,14 +154,6 @@ function drawCurve(
   dots(pen, xs, ys, token("model"), 3.4);
   note(pen, kind === "multiply" ? `factor on ${node}` : `added to ${node}`, upper.left + 8, upper.top + 13, "text");
   note(pen, `no term: ${head.neutral}`, upper.right - 8, plot.y(head.neutral) + 12, "quiet", "right");
-  drawErrors(pen, { left, right, top: middle + 10, bottom: height - counts - 38 }, range, head, {
-    before,
-    after,
-    x,
-    error,
-    edges,
-  });
-  drawCounts(pen, { left, right, top: height - counts - 32, bottom: height - 34 }, range, head, edges);
 }
 
 /** Draw the errors of some samples over the channel, and their mean without the term and with it. */

@@ -10,9 +10,11 @@ const ROOM = 5; // columns of the pane
 
 loadFlowIf(() => screen.value === "missing");
 
-const BOXES: Record<TermRow["kind"], (channel: string) => [title: string, sign: string]> = {
-  add: (channel) => [`+ ${channel}`, "new curve"],
-  multiply: (channel) => [`× ${channel}`, "new curve"],
+const table = (channels: readonly string[]) => (channels.length > 1 ? "new map" : "new curve");
+
+const BOXES: Record<TermRow["kind"], (channels: readonly string[]) => [title: string, sign: string]> = {
+  add: (channels) => [`+ ${channels.join(", ")}`, table(channels)],
+  multiply: (channels) => [`× ${channels.join(", ")}`, table(channels)],
   lag: () => ["PT1", "new lag"],
   delay: () => ["delay", "new delay"],
   offset: () => ["+ offset", "by recording"],
@@ -22,18 +24,20 @@ const BOXES: Record<TermRow["kind"], (channel: string) => [title: string, sign: 
 const NEW = "\u0000term";
 
 /** The function with a term behind its node. */
-function withTerm(own: FunctionFlow, node: string, channel: string): FunctionFlow {
+function withTerm(own: FunctionFlow, node: string, channels: readonly string[]): FunctionFlow {
   const target = own.nodes.findIndex((each) => each.name === node);
   if (target < 0) return own;
-  const sources = [node, ...(channel ? [channel] : [])];
+  const sources = [node, ...channels];
   const added = { name: NEW, sources, tables: [], kind: "" };
   const rest = own.nodes.map((each) => ({
     ...each,
     sources: each.sources.map((name) => (name === node ? NEW : name)),
   }));
-  const known = channel === "" || own.inputs.includes(channel) || own.nodes.some((each) => each.name === channel);
+  const unknown = channels.filter(
+    (channel) => !own.inputs.includes(channel) && !own.nodes.some((each) => each.name === channel),
+  );
   return {
-    inputs: known ? own.inputs : [...own.inputs, channel],
+    inputs: [...own.inputs, ...unknown],
     nodes: [...rest.slice(0, target + 1), added, ...rest.slice(target + 1)],
     outputs: own.outputs,
   };
@@ -42,10 +46,11 @@ function withTerm(own: FunctionFlow, node: string, channel: string): FunctionFlo
 export function WherePane() {
   const own = proposal.value;
   const at = otherPlace.value ?? own;
+  const channels = [own?.channel ?? "", own?.second ?? ""].filter(Boolean);
   const layout =
     flow.value === null || own === null || at === null
       ? null
-      : flowLayout(withTerm(flow.value, at.node, own.channel), at.node, ROOM);
+      : flowLayout(withTerm(flow.value, at.node, channels), at.node, ROOM);
   if (own === null || at === null)
     return (
       <section class="pane where">
@@ -57,10 +62,10 @@ export function WherePane() {
         </p>
       </section>
     );
-  const [title, sign] = BOXES[at.kind](own.channel);
+  const [title, sign] = BOXES[at.kind](channels);
   const boxes = [...(layout?.boxes.values() ?? [])];
   const alternatives = new Map(own.places.map((each) => [each.node, each.number] as const).toReversed());
-  const isNew = (name: string) => name === NEW || (own.channel !== "" && name === own.channel);
+  const isNew = (name: string) => name === NEW || channels.includes(name);
   return (
     <section class="pane where" aria-label="Where">
       <div class="head">

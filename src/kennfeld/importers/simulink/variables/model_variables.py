@@ -145,9 +145,11 @@ def _add_file(variables: VariableTable, path: Path, document: ModelDocument, sea
     elif ending == ".m":
         run_parameter_script(variables, path, search.loader(path.parent, document.path.parent))
     else:
-        from kennfeld.calfiles import read
+        from kennfeld.calfiles import read_with_findings
 
-        return [read(path)]
+        parameters, findings = read_with_findings(path)
+        variables.findings += findings
+        return [parameters]
     return []
 
 
