@@ -393,18 +393,53 @@ def run(line, monkeypatch, demos, run_command=lambda words: cli.run(words[1:])):
         assert run_command(words) in done, line
 
 
-def run_all(document, folder, *arguments):
-    """Write what a document shows, and run its commands, in order."""
+IN_ORDER = re.compile(r"^```(sh|toml|kf|python|text)\n(.*?)^```\n?", re.MULTILINE | re.DOTALL)
+
+
+def run_all(document, folder, *arguments, compare=lambda shown: None):
+    """Write what a document shows, and run its commands, in order; `compare` takes the output below a block of them."""
     (folder / "results").mkdir()
     if (folder / "start.dcm").exists():
         shutil.copy(folder / "start.dcm", folder / "results" / "parameters.dcm")
-    in_order = re.compile(r"^```(sh|toml|kf|python|text)\n(.*?)^```", re.MULTILINE | re.DOTALL)
-    for language, text in in_order.findall(document.read_text(encoding="utf-8")):
-        if language != "sh":
-            lay_out(text)
+    content = document.read_text(encoding="utf-8")
+    end_of_commands = len(content)
+    for block in IN_ORDER.finditer(content):
+        language, text = block.groups()
+        if language == "sh":
+            for line in text.splitlines():
+                run(line, *arguments)
+            end_of_commands = block.end()
             continue
-        for line in text.splitlines():
-            run(line, *arguments)
+        lay_out(text)
+        between = content[end_of_commands : block.start()] if end_of_commands <= block.start() else "no commands"
+        if language == "text" and not between.strip() and not text.startswith("kennfeld "):
+            compare(text)
+
+
+def shows_output(document):
+    """Return whether a document shows below a block of commands what they print."""
+    below = r"^```sh\n(?:(?!```).*\n)*```\n+```text\n(?!kennfeld )"
+    return re.search(below, document.read_text(encoding="utf-8"), re.MULTILINE)
+
+
+NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w])")
+TIMES = re.compile(r", \d+(?:\.\d+)? s$|^- +\d")  # of searches
+
+
+def not_printed(shown, printed):
+    """Return the lines shown that no printed line has: numbers to 5 %, chosen factors to 20 %, without times."""
+    lines = {}
+    for line in printed.splitlines():
+        lines.setdefault(tuple(NUMBER.sub("#", line).split()), []).append([float(n) for n in NUMBER.findall(line)])
+    wrong = []
+    for line in shown.splitlines():
+        if line.strip() in ("", "...") or TIMES.search(line):
+            continue
+        tolerance = 0.2 if line.startswith("smoothness of ") else 0.05  # the error hardly depends on the factors
+        numbers = pytest.approx([float(n) for n in NUMBER.findall(line)], rel=tolerance)
+        if not any(found == numbers for found in lines.get(tuple(NUMBER.sub("#", line).split()), ())):
+            wrong.append(line)
+    return wrong
 
 
 WITH_COMMANDS = [
@@ -439,6 +474,32 @@ def test_commands_of_long_documents_work_in_short_runs(document, workplace, monk
 def test_commands_of_the_longest_documents_are_accepted(document, workplace, monkeypatch, written_demos):
     shorten_runs(monkeypatch)
     run_all(document, workplace(document), monkeypatch, written_demos, accept)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "document", [marked(path, path.name, IMPORTING_COMMANDS) for path in WITH_COMMANDS if shows_output(path)]
+)
+def test_output_shown_is_what_the_commands_print(document, workplace, tmp_path, monkeypatch, capsys):
+    wrong = []
+
+    def compare(shown):
+        printed = capsys.readouterr()
+        wrong.extend(not_printed(shown, printed.out + printed.err))
+
+    demos = tmp_path / "demos"
+    demos.mkdir()
+    run_all(document, workplace(document), monkeypatch, Demos(demos), compare=compare)
+    assert wrong == []
+
+
+def test_an_output_that_differs_from_what_is_printed_is_found():
+    printed = "criterion  samples  RMSE after\nTorque         27       1.497\n519 values, 29 iterations, 0.35 s\n"
+    assert (
+        not_printed("criterion  samples  RMSE after\nTorque  27  1.50\n...\n519 values, 31 iterations, 9 s", printed)
+        == []
+    )
+    assert not_printed("Torque  27  1.60\nDrag  27  1.497\n", printed) == ["Torque  27  1.60", "Drag  27  1.497"]
 
 
 @pytest.mark.parametrize(

@@ -136,7 +136,7 @@ __all__ = [
     "write_surrogate",
 ]
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 _NAMES = {
     "analysis.cross_validation": "cross_validate",

@@ -155,5 +155,5 @@ def test_a_model_is_recovered_from_its_data():
 
 
 def test_a_lookup_with_the_wrong_number_of_coordinates_is_reported():
-    with pytest.raises(InputError, match="F is looked up with 1 coordinates, but has 2"):
+    with pytest.raises(InputError, match="F is looked up with 1 coordinate, but has 2 axes"):
         kf.simulate("m = F(x)", {"x": [1.0]}, kf.ParameterSet([rbf()]))

@@ -163,19 +163,21 @@ def test_ambiguous_names_are_reported_with_place_and_remedy(text, expected):
 
 def test_the_nearest_parameter_is_offered():
     assert findings("y = MapOptTorqe(u)", ["MapOptTorque", "K"]) == [
-        "line 1, column 5: this project has no parameter MapOptTorqe. Did you mean MapOptTorque?"
+        "line 1, column 5: the start has no parameter MapOptTorqe. Did you mean MapOptTorque? "
+        'A table needs initial values: kf.Curve("MapOptTorqe", ...).'
     ]
 
 
 def test_the_nearest_function_is_offered():
     assert findings("y = sqr(u)", ["MapOptTorque"]) == [
-        "line 1, column 5: this project has no parameter sqr. Did you mean sqrt?"
+        "line 1, column 5: the start has no parameter sqr. Did you mean sqrt? "
+        'A table needs initial values: kf.Curve("sqr", ...).'
     ]
 
 
 def test_a_node_may_not_be_called_like_a_known_parameter():
     assert findings("K = 2\ny = K", ["K"]) == [
-        "line 1, column 1: K is both a node and a parameter of this project. Rename one of them."
+        "line 1, column 1: K is both a node and a parameter of the start. Rename one of them."
     ]
 
 

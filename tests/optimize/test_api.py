@@ -115,8 +115,14 @@ def test_all_missing_names_are_reported_at_once():
 
 
 def test_a_lookup_with_too_many_coordinates_is_named():
-    with pytest.raises(kf.InputError, match="C is looked up with 2 coordinates, but has 1 axes"):
+    with pytest.raises(kf.InputError, match=r"C is looked up with 2 coordinates, but has 1 axis\. Look it up with 1 "):
         kf.calibrate("m = C(x, x)", LINE, tables(), target="y")
+
+
+@pytest.mark.parametrize("start", [{}, {"k": 1.0}, {"Gain": 1.0}])
+def test_a_table_without_initial_values_is_reported_with_the_class_that_it_needs(start):
+    with pytest.raises(kf.InputError, match=r'A table needs initial values: kf\.Map\("Gain", \.\.\.\)\.'):
+        kf.calibrate("m = Gain(x, x)", LINE, start, target="y")
 
 
 def test_an_unknown_limit_is_named_with_the_nearest():

@@ -105,3 +105,12 @@ def test_a_limit_may_use_channels_without_another_use(shop):
 )
 def test_invalid_constraints_are_errors_of_the_check(shop, text, message):
     assert message in shop.add(text).error()
+
+
+def test_a_limit_looks_up_a_table_elsewhere_than_the_function(shop):
+    values = shop.project.calibrate().parameters["Gain"].values
+    assert values[2] - values[0] > 1
+    result = shop.add("[[limit]]\nnode = 'Gain(3000) - Gain(1000)'\nmax = 0.2").project.calibrate()
+    limited = result.parameters["Gain"].values
+    assert result.converged
+    assert limited[2] - limited[0] == pytest.approx(0.2, abs=1e-6)

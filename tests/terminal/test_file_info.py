@@ -77,7 +77,7 @@ def test_a_recording_of_several_rasters_shows_each(tmp_path):
 
 def test_a_model_with_memory_shows_its_states(written):
     info = describe_file(written("lag.kf", "y[degC] = PT1(MapA(u, v), T1) + delay(u, 3, 0)\nscalar T1[s]\nstep 0.1"))
-    assert "states" in info.summary
+    assert info.summary == "lag.kf: formula, 1 node, 2 states"
     assert info.as_json["step"] == 0.1
     assert {"name": "MapA", "kind": "map"} in info.as_json["parameters"]
 

@@ -78,7 +78,7 @@ class ModelEntry:
     )
     step: float | None = key(
         "for models with memory: the step of the model. If it is finer than the step of the data, inputs are "
-        "interpolated, and stepped inputs are held",
+        "interpolated, except for switches and others that jump between levels, which are held",
         None,
         above=0,
         unit="s",
@@ -301,7 +301,8 @@ class LimitEntry:
 
     location: Location
     node: str = key(
-        'a node, or an expression over nodes, inputs and channels: `"abs(n_set - n)"`',
+        'a node, or an expression over nodes, inputs and channels: `"abs(n_set - n)"`. It may call the tables of the '
+        'project: `"MapDrag(Speed, 100) - MapDrag(Speed, 20)"`',
         holds="node",
         missing='Write node = "...", a node or an expression.',
     )

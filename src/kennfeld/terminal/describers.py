@@ -167,13 +167,14 @@ def _describe_formula(path: Path, model: Model) -> FileInfo:
         surrogates=[surrogate.name for surrogate in model.surrogates],
         nodes=[{"name": name, "unit": unit, "output": output != ""} for name, unit, output in nodes],
     )
-    states = f", {len(graph.states)} states" if graph.states else ""
+    states = f", {count_noun(len(graph.states), 'state')}" if graph.states else ""
     tables: list[Table] = [
         [("input", "unit"), *inputs],
         [("parameter", "kind"), *kinds.items()],
         [("node", "unit", ""), *nodes],
     ]
-    return FileInfo(f"{path.name}: formula, {len(nodes)} nodes{states}", tables, notes, as_json)
+    summary = f"{path.name}: formula, {count_noun(len(nodes), 'node')}{states}"
+    return FileInfo(summary, tables, notes, as_json)
 
 
 def _surrogate_notes(model: Model) -> list[str]:

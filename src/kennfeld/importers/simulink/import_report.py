@@ -24,7 +24,10 @@ _MAX_LISTED = 20  # further variables
 _MAX_UNDEFINED = 6  # variables with a finding of their own
 _SECTIONS = "To define them in a project file, replace nan with values in:"
 _ADVICE = "Define the variables with --parameters: scripts (.m), .mat, .sldd or calibration files."
-_DEFINE = "Define it in a script, a .mat, .sldd or calibration file given as parameters."
+_DEFINE = (
+    "Define it in a script, a .mat, .sldd or calibration file given as parameters, or by initial in the project's "
+    "[parameters.NAME]; kennfeld info prints these sections."
+)
 _LOOP_REMEDY = "Insert a Unit Delay into the loop, or bind one of its blocks."
 
 

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 _Setting = TypeVar("_Setting", StepDeclaration, SolverDeclaration)
 _AXES = {"scalar": 0, "curve": 1, "map": 2, "cube": 3, "rbf": 1}
+_TABLE_REMEDY = 'A table needs initial values: kf.{kind}("{name}", ...).'
 
 
 def formula(
@@ -72,7 +73,8 @@ def formula(
     (('n',), {'Gain': 1}, 1)
     """
     called = named_functions(functions)
-    return _model(Source.of_text(name, text), name, "formula", parameters, surrogates, called)
+    scope = NameScope(parameters=parameters, owner="the start", table_remedy=_TABLE_REMEDY)
+    return _model(Source.of_text(name, text), name, "formula", scope, surrogates, called)
 
 
 def read(
@@ -92,7 +94,7 @@ def read(
         remedy = "Formula text files have the extension .kf."
         raise InputError.of(Location.of_file(path), "not a formula text file", remedy)
     source = Source.of_text(path.name, text_of(path) if text is None else text)
-    return _model(source, path.stem, str(path), parameters, surrogates, functions)
+    return _model(source, path.stem, str(path), NameScope(parameters=parameters), surrogates, functions)
 
 
 def text_of(path: Path) -> str:
@@ -113,13 +115,13 @@ def _model(
     source: Source,
     name: str,
     origin: str,
-    parameters: Collection[str] | None,
+    scope: NameScope,
     surrogates: Collection["Surrogate"],
     functions: Collection["ModelFunction"],
 ) -> Model:
     statements = parse(source)
     calls = {**functions_of(surrogates), **functions_of_files(functions)}
-    names = NameTable(statements, NameScope(parameters=parameters, functions=calls), source)
+    names = NameTable(statements, scope._replace(functions=calls), source)
     step = _single(StepDeclaration, "step", statements, source)
     solver = _single(SolverDeclaration, "solver", statements, source)
     builder = GraphBuilder()

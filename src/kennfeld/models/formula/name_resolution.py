@@ -30,6 +30,7 @@ _S = TypeVar("_S", Definition, FunctionDefinition, Declaration)
 Kind = Literal["clock", "constant", "node", "parameter", "input"]
 
 _AXES: Mapping[str, tuple[int, ...]] = {"scalar": (0,), "curve": (1,), "map": (2,), "cube": (3, 4)}
+_KINDS = {1: "Curve", 2: "Map"}  # class of a table by its number of coordinates
 _CLOCKS = {STEP: "step", NEXT_STEP: "next step", TIME: "time"}
 _TABLE_KINDS = ("curve", "map", "cube", "rbf")
 _TABLES = {0: "a scalar", 1: "a curve", 2: "a map", 3: "a cube", 4: "a cube"}
@@ -40,7 +41,8 @@ class NameScope(NamedTuple):
 
     `parameters` None means that they are unknown: a name that is called is a table. `axes` are their numbers of axes,
     if known; `inputs` are existing inputs. `channels` None means that any other name is an input. `owner` names the
-    model of the parameters in messages; `functions` are called like built-in ones.
+    model of the parameters in messages; `functions` are called like built-in ones. `table_remedy` says how to define an
+    unknown table, with the fields `kind` and `name`.
     """
 
     nodes: Mapping[str, int] = FrozenDict({})
@@ -50,6 +52,7 @@ class NameScope(NamedTuple):
     channels: Collection[str] | None = None
     owner: str = "this project"
     functions: Mapping[str, BuiltIn] = FrozenDict({})
+    table_remedy: str = ""
 
 
 def children(expr: Expr) -> Sequence[Expr]:
@@ -305,9 +308,10 @@ class NameTable:
             return False
         if known is None or name in known or name in self.declared:
             return True
-        message = f"{self.around.owner} has no parameter {name}" if known else f"unknown function {name}"
-        remedy = nearest(name, [*known, *self.declared, *FUNCTIONS, *self.functions, *self.around.functions])
-        self._report(owner, call.at, message, remedy)
+        defines = self.around.table_remedy.format(kind=_KINDS.get(len(call.args), "Cube"), name=name)
+        message = f"{self.around.owner} has no parameter {name}" if known or defines else f"unknown function {name}"
+        guess = nearest(name, [*known, *self.declared, *FUNCTIONS, *self.functions, *self.around.functions])
+        self._report(owner, call.at, message, f"{guess} {defines}".strip())
         return False
 
     def _check_axes(self, owner: str, name: str, count: int, at: Token) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 import numpy as np
 
 from kennfeld.base.errors import Finding, Findings, Fix, InputError, Location
-from kennfeld.base.formatting import nearest
+from kennfeld.base.formatting import count_noun, nearest
 from kennfeld.domain.constraints import Shape, Term
 from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.free_axes import AxisKey, FreeAxis, key_of
@@ -24,6 +24,7 @@ STEP_TOLERANCE = 1e-3  # relative difference of steps that time stamps may have 
 MAX_BYTES = 4e9  # of all delays, or of one matrix; a fit and its trust keep several of them
 MAX_LISTED = 5
 MAX_LISTED_CHANNELS = 12
+_TABLES = {1: "Curve", 2: "Map"}  # class of a table by its number of axes
 
 
 def dataset_location(data: Dataset) -> Location:
@@ -83,13 +84,25 @@ def check_inputs(
         if name not in parameters:
             yield Finding(function, f"unknown parameter {name}", nearest(name, parameters))
         elif (axes := parameters[name].coordinates) != count:
-            yield Finding(function, f"{name} is looked up with {count} coordinates, but has {axes} axes")
+            message = f"{name} is looked up with {count_noun(count, 'coordinate')}, but has {_axes(axes)}"
+            yield Finding(function, message, _table_remedy(name, count, axes))
     for dataset in datasets:
         for name in graph.inputs:
             channel = channels.get(name, name)
             if channel not in dataset:
                 remedy = nearest(channel, dataset) or f"It has {', '.join(list(dataset)[:MAX_LISTED_CHANNELS])}."
                 yield Finding(dataset_location(dataset), f"no channel named {channel}", remedy)
+
+
+def _axes(count: int) -> str:
+    return "1 axis" if count == 1 else f"{count} axes"
+
+
+def _table_remedy(name: str, count: int, axes: int) -> str:
+    """Return what to change if a table is looked up with another number of coordinates than it has axes."""
+    if axes == 0:  # a number as start, where the formula calls a table
+        return f'A table needs initial values: kf.{_TABLES.get(count, "Cube")}("{name}", ...).'
+    return f"Look it up with {count_noun(axes, 'coordinate')}, or give it {_axes(count)}."
 
 
 def check_fittable(problem: Problem, *, globally: bool) -> Findings:
