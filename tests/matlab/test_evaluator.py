@@ -129,6 +129,8 @@ NUMBERS = {
     "numel(c(1:2))": 2,
     # sizes and shapes
     "size(A)": [[2, 3]],
+    "size(A([true false true]))": [[1, 2]],
+    "size(A([true; false; true]))": [[2, 1]],
     "size(A, 1)": 2,
     "size(B)": [[2, 3, 4]],
     "size(5)": [[1, 1]],

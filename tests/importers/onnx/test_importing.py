@@ -45,6 +45,16 @@ def test_outputs_are_those_of_onnxruntime(tmp_path, form, kind, tolerance):
     np.testing.assert_allclose(simulated(path, x), runtime(path, x), rtol=tolerance, atol=tolerance)
 
 
+@pytest.mark.parametrize("bias", [[[10.0], [20.0]], [[1.0, 2.0], [3.0, 4.0]]], ids=["a column", "a matrix"])
+def test_a_bias_of_several_rows_is_added_row_by_row(tmp_path, bias):
+    weights = np.array([[1.0, -2.0], [0.5, 3.0], [4.0, -1.0]])
+    nodes = [helper.make_node("Gemm", ["x", "w", "b"], ["y"])]
+    path = save(tmp_path / "net.onnx", nodes, {"x": [2, 3]}, {"y": [2, 2]}, {"w": weights, "b": np.array(bias)})
+    x = columns(5, 6)
+    expected = x.reshape(5, 2, 3) @ weights + np.array(bias)
+    np.testing.assert_allclose(simulated(path, x), expected.reshape(5, 4), rtol=1e-12)
+
+
 @pytest.mark.parametrize("activation", ACTIVATIONS)
 def test_activations_are_those_of_onnxruntime(tmp_path, activation):
     layers = random_layers([3, 9, 2], kind=np.float32)

@@ -133,6 +133,7 @@ def test_lists_closures_and_tables_are_those_of_python(name, tmp_path):
         "v = [a]\n    v.append(b)\n    return sum(v)",
         "v = a\n    v = [a, b]\n    return v[0]",
         "return np.interp(a, [2.0, 1.0], [0.0, 1.0])",
+        "return np.interp(a, [0.0, 1.0, 2.0], [0.0, 1.0])",
         "k = 0\n    def g():\n        nonlocal k\n        k = k + 1\n        return k\n    return g() + a",
         "return {0: a}[0]",
         "return round(a, int(b))",
