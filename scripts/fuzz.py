@@ -194,7 +194,7 @@ def _read(path: Path) -> bool:
         *([lambda: _evaluate_network(path)] if path.suffix == ".onnx" else []),
         *([lambda: _import_fmu(path)] if path.suffix == ".fmu" else []),
         *([lambda: _check_project(path)] if path.suffix == ".toml" else []),
-        lambda: calfiles.read(path),
+        lambda: calfiles.read_with_findings(path),
         lambda: measurement.read(path, raster=0.1, dbc=databases),
         lambda: measurement.read(path, dbc=databases),
     ):

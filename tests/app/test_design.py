@@ -134,14 +134,14 @@ def test_a_project_without_data_gets_points_that_fill_its_ranges(tmp_path: Path)
     assert any("no recordings" in row["message"] for row in proposed["remarks"])
 
 
-def test_a_design_so_far_is_told_so_that_a_stop_leaves_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stop_keeps_the_design_so_far(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write_map(tmp_path, time=True)
     monkeypatch.setattr(design_work, "EVERY", 0.0)
     unsaved, candidates = {"kennfeld.toml": f"{MAP}[design]\nlength = 5.0\n"}, (str(tmp_path / "bench.csv"),)
     task = design_work.DesignTask(path, unsaved, None, False, Request(segments=2), candidates)
-    told: list[Any] = []
-    whole = task.run(told.append)
-    first, *_ = [message.outcome.design for message in told if isinstance(message, PartialOutcome)]
+    messages: list[Any] = []
+    whole = task.run(messages.append)
+    first, *_ = [message.outcome.design for message in messages if isinstance(message, PartialOutcome)]
     assert [segment.file for segment in first.segments] == ["bench.csv"]
     assert "stopped: 1 of 2 segments were chosen" in str(first.findings[-1])
     assert len(whole.design.segments) == 2

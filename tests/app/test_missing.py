@@ -42,6 +42,7 @@ def rmse(session: Session) -> float:
 
 def test_a_term_is_found_and_applied_with_its_fit_as_one_command(bench: Looking) -> None:
     session, before = bench.session, bench.session.state.texts
+    function = (session.path.parent / "f.kf").read_text("utf-8")
     offered = bench.ask("missing")
     assert offered["found"] is None
     reasons = {row["name"]: row["reason"] for row in offered["channels"]}
@@ -72,7 +73,8 @@ def test_a_term_is_found_and_applied_with_its_fit_as_one_command(bench: Looking)
     with pytest.raises(InputError, match="older than the values"):
         bench.ask("apply-term", number=0)
     assert session.undo() == title
-    assert session.state.texts == before
+    assert session.unsaved_texts == {}
+    assert session.state.texts == before | {"f.kf": function}
     assert not bench.ask("missing")["found"]["old"]
 
 

@@ -369,15 +369,15 @@ def test_a_map_of_weights_is_the_use():
 
 def test_a_stopped_design_has_the_segments_so_far_and_says_so():
     fit, candidates = fitted(lag_fit(drive(60, NARROW))), [drive(60, WIDE, 2, name="new")]
-    made = []
+    designs = []
 
     def watch(design_so_far):
-        made.append(design_so_far())
-        return len(made) == 2
+        designs.append(design_so_far())
+        return len(designs) == 2
 
     proposal = design_segments(fit, candidates, candidates, 4, 10.0, None, watch=watch)
-    assert [len(each.segments) for each in made] == [1, 2]
-    assert proposal.segments == made[-1].segments
+    assert [len(each.segments) for each in designs] == [1, 2]
+    assert proposal.segments == designs[-1].segments
     assert str(proposal.findings[-1]) == "design: stopped: 2 of 4 segments were chosen"
     assert not design_segments(fit, candidates, candidates, 2, 10.0, None).findings
 
@@ -385,7 +385,7 @@ def test_a_stopped_design_has_the_segments_so_far_and_says_so():
 def test_recordings_that_were_dropped_before_a_stop_stay_dropped():
     drives = [drive(30, WIDE, 7, name=f"same {number}") for number in range(4)]
     fit = fitted(lag_fit(drives))
-    proposal = reduce_recordings(fit, drives, drives, 1, watch=lambda made: True)
+    proposal = reduce_recordings(fit, drives, drives, 1, watch=lambda designs: True)
     assert len(proposal.drop) == 1
     assert str(proposal.findings[0]) == "design: stopped: 1 of 3 recordings were chosen"
 
@@ -398,7 +398,7 @@ def test_a_stopped_choice_of_points_says_so():
     assert "stopped: 1 of 5 points were chosen" in str(proposal.findings[-1])
 
 
-def test_recordings_of_one_name_are_told_apart():
+def test_recordings_of_one_name_get_numbers():
     drives = [drive(30, NARROW, 1), drive(30, WIDE, 2), drive(30, NARROW, 1)]
     assert [each.file for each in cut_files(drives)] == ["drive (1)", "drive (2)", "drive (3)"]
     segments = cut_segments([*drives[:2], drive(30, WIDE, 3, name="other")], 15.0, 0.0)

@@ -92,7 +92,7 @@ def test_recordings_without_a_scored_sample_are_left_out(recordings):
 def test_pieces_are_counted_in_their_recording():
     class Bound:
         def __init__(self, starts, kept, samples):
-            self.dataset = type("Data", (), {"starts": np.array(starts), "samples": samples})
+            self.dataset = type("Data", (), {"piece_starts": np.array(starts), "samples": samples})
             self.kept, self.count = np.array(kept), len(kept)
 
     # of the first file, sample 3 is dropped, so that its first recording has two pieces

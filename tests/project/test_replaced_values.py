@@ -20,8 +20,8 @@ def findings_on(shop):
     problem = shop.project.problem()
 
     def sentences(*parameters):
-        found = replaced_value_findings(problem, ParameterSet(parameters), Location("after.dcm"))
-        return [f"{finding.severity}: {finding}" for finding in found]
+        findings = replaced_value_findings(problem, ParameterSet(parameters), Location("after.dcm"))
+        return [f"{finding.severity}: {finding}" for finding in findings]
 
     return sentences
 
@@ -39,7 +39,7 @@ def test_values_outside_of_the_bounds_of_the_project_are_named(findings_on):
     assert "1 of 2 values of Gain" in findings_on(Curve("Gain", [0, 5000], [1, 3]), Scalar("offset", 0.0))[0]
 
 
-def test_names_that_the_function_does_not_have_are_told_with_the_one_that_is_meant(findings_on):
+def test_an_unknown_name_is_reported_with_the_one_that_is_meant(findings_on):
     assert findings_on(Curve("Gain", AXIS, [0, 1, 2]), Scalar("Offset", 1.0)) == [
         "remark: after.dcm: initial values are used for offset, which the calibration does not state. "
         "Did you mean Offset?",

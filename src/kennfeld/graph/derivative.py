@@ -23,7 +23,6 @@ from kennfeld.graph.adjoints import AdjointProgram, breakpoint_slope, layer_part
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.lookup_lowering import Free, is_atom
 from kennfeld.graph.node import Graph, Node, State
-from kennfeld.graph.recent_results import kept_for_small_graphs
 from kennfeld.graph.traversal import ancestors, dependents
 
 MAX_VISITS = 5000  # of nodes by rows, up to which each row is written out
@@ -82,7 +81,6 @@ class Linearization:
         return tuple(sorted({leaf for row in self.start_slopes.reach for leaf in row}))
 
 
-@kept_for_small_graphs
 def differentiate(graph: Graph, outputs: Sequence[int], free: Free) -> Linearization:
     """Differentiate a step with respect to the free values and the carried states.
 

@@ -16,7 +16,6 @@ from kennfeld.domain.parameters import Extrapolation, Parameter, Scalar
 from kennfeld.domain.rbf import RBF, Hinge, Kernel
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.node import Graph, Node
-from kennfeld.graph.recent_results import kept_for_small_graphs
 from kennfeld.graph.stable_forms import rebuild
 from kennfeld.graph.traversal import dependents, rewrite
 
@@ -75,7 +74,6 @@ def lower_lookups(graph: Graph, parameters: ParameterSet, smooth: Collection[str
     return _lower(graph, parameters, smooth)
 
 
-@kept_for_small_graphs
 def _lower_scalars(graph: Graph) -> LoweredGraph:
     """Return `lower_lookups` if all parameters are scalars, of which it depends on no other property."""
     return _lower(graph, ParameterSet(Scalar(name, 0.0) for name in graph.parameters), ())

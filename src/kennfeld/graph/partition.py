@@ -6,7 +6,6 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.lookup_lowering import Free, is_atom
 from kennfeld.graph.node import Graph, extract
-from kennfeld.graph.recent_results import kept_for_small_graphs
 from kennfeld.graph.traversal import dependents, rewrite
 
 _COST = {
@@ -30,7 +29,6 @@ class GraphPartition:
     prepared: Graph
 
 
-@kept_for_small_graphs
 def partition_graph(graph: Graph, outputs: Collection[str], free: Free) -> GraphPartition:
     """Cut a lowered graph, reduced to `outputs`, at the values that do not depend on free parameters.
 

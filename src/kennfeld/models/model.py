@@ -15,7 +15,6 @@ from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
 from kennfeld.graph import Graph
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.graph.recent_results import kept_for_small_graphs
 from kennfeld.graph.traversal import rewrite
 
 if TYPE_CHECKING:
@@ -146,7 +145,6 @@ def bind_scalars(model: Model, parameters: ParameterSet, channels: Collection[st
     return replace(model, graph=_with_lookups(model.graph, sorted(names))) if names else model
 
 
-@kept_for_small_graphs
 def _with_lookups(graph: Graph, names: Sequence[str]) -> Graph:
     def resolve(b: GraphBuilder, at: int, args: tuple[int, ...]) -> int:
         op, _, payload = graph.nodes[at]

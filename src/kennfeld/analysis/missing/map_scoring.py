@@ -14,7 +14,7 @@ from kennfeld.analysis.missing.channels import Channels
 from kennfeld.analysis.missing.families import HatAxis, map_families, product_families
 from kennfeld.analysis.missing.probes import Nodes, Probes
 from kennfeld.analysis.missing.score import TermScore
-from kennfeld.analysis.missing.scoring import Scorer
+from kennfeld.analysis.missing.scoring import CandidateScorer
 from kennfeld.analysis.missing.shortlist import significant
 from kennfeld.analysis.missing.terms import OF_CHANNELS, Form, Kind
 from kennfeld.base.lazy_dataclass import dataclass
@@ -63,7 +63,7 @@ def score_maps(
     compiled = CompiledProblem(probes.problem)
     free = compiled.values.free
     with blas_threads(free):
-        scorer = Scorer.of(compiled, probes)
+        scorer = CandidateScorer.of(compiled, probes)
         every = _pairs(channels.axes, axes[:MULTIPLIED])
         kind: Kind = "add" if "add" in kinds else "multiply"
         products = [*scorer.scores(product_families(probes, every, kind, free))]
@@ -90,7 +90,7 @@ def rescored(problem: Problem, nodes: Nodes, scores: Sequence[TermScore], channe
     with blas_threads(compiled.values.free):
         kinds = tuple(dict.fromkeys(score.term.kind for score in scores))
         families = map_families(probes, [pair], kinds, nodes.constant, compiled.values.free)
-        others = {score.term: score for score in Scorer.of(compiled, probes).scores(families)}
+        others = {score.term: score for score in CandidateScorer.of(compiled, probes).scores(families)}
     return [others[score.term] for score in scores if score.term in others]
 
 

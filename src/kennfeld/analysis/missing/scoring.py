@@ -82,7 +82,7 @@ def score_problem(
     probes = Probes.of(problem, nodes.names)
     compiled = CompiledProblem(probes.problem)
     with blas_threads(compiled.values.free):
-        scorer = Scorer.of(compiled, probes, BLOCKS)
+        scorer = CandidateScorer.of(compiled, probes, BLOCKS)
         linear = scorer.linear
         scores = [*scorer.scores(_families(problem, probes, channels, nodes, kinds, lags, compiled))]
         if "delay" in kinds:
@@ -100,7 +100,7 @@ def score_problem(
 
 
 @dataclass(frozen=True)
-class Scorer:
+class CandidateScorer:
     """Scores families by one linearisation, with the recordings divided into blocks.
 
     Attributes:
@@ -118,7 +118,7 @@ class Scorer:
     blocks: int
 
     @classmethod
-    def of(cls, compiled: CompiledProblem, probes: Probes, blocks: int = BLOCKS) -> "Scorer":
+    def of(cls, compiled: CompiledProblem, probes: Probes, blocks: int = BLOCKS) -> "CandidateScorer":
         """Linearise a problem."""
         holdout = HoldoutBlocks.of(compiled, blocks)
         divisions, count = (holdout.divisions, holdout.sizes.size) if holdout is not None else ({}, 0)
@@ -127,9 +127,9 @@ class Scorer:
         linear = Linearisation(compiled, compiled.start, merged_blocks(own), names)
         return cls(compiled, probes, linear, divisions, count)
 
-    def finer(self, blocks: int) -> "Scorer":
+    def finer(self, blocks: int) -> "CandidateScorer":
         """Return a scorer with more blocks."""
-        return Scorer.of(self.compiled, self.probes, blocks)
+        return CandidateScorer.of(self.compiled, self.probes, blocks)
 
     def scores(self, families: Iterable[Family]) -> Iterator[TermScore]:
         """Yield the scores of the candidates of families."""

@@ -1,4 +1,4 @@
-"""What a project may run or join only if the user has allowed it."""
+"""Consent: code and clusters of a project run only if the user has allowed them."""
 
 from kennfeld.base.dask_runner import ClusterAddress
 from kennfeld.base.errors import InputError

@@ -1,4 +1,4 @@
-"""What initial files of a project provide, also if the project cannot be read otherwise."""
+"""Names in the initial files of a project, also if the project cannot be read otherwise."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -19,7 +19,7 @@ def formula_file(settings: Mapping[str, Any]) -> str:
     return name if isinstance(name, str) and name.lower().endswith(".kf") else ""
 
 
-class ProjectFunction:
+class FunctionReader:
     """Reads the function of a project by itself; one of another tool once for each version of the project file.
 
     Args:

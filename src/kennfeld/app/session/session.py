@@ -18,7 +18,7 @@ from kennfeld.app.session.job_runner import JobRunner
 from kennfeld.app.session.live_model import LiveModel, LiveScore
 from kennfeld.app.session.part_fit import FittedPart, part_options, part_problem
 from kennfeld.app.session.partitioned_data import count_samples
-from kennfeld.app.session.project_function import ProjectFunction, formula_file
+from kennfeld.app.session.project_function import FunctionReader, formula_file
 from kennfeld.app.session.project_recordings import ProjectRecordings
 from kennfeld.app.session.read_files import ReadFiles
 from kennfeld.app.session.recovery import Recovery
@@ -87,7 +87,8 @@ class Session:
         self._read_again: tuple[
             Finding, ...
         ] = ()  # files that have been read again, but not because the user asked for it
-        self._function = ProjectFunction(path)
+        self._function = FunctionReader(path)
+        self._held: dict[str, str] = {}  # texts of files before a command replaced them
         self._recordings = ProjectRecordings(self._activity)
         self.interrupted = False  # the user has stopped the reading of the recordings
         self.last: tuple[LiveScore, ...] = ()  # before the last change, whatever was evaluated since
@@ -165,6 +166,7 @@ class Session:
         self._files.note(names)
         texts = {name: text for name in names if (text := self._files.known[name]) is not None}
         if texts:
+            self._held |= texts
             self.saved = self.history.hold(texts, self.saved)
 
     def key_command(self, title: str, changes: Sequence[tuple[Sequence[str | int], Any]]) -> SetKeys:
@@ -277,7 +279,9 @@ class Session:
     @property
     def subject(self) -> tuple[object, ...]:
         """The values, texts and files that an outcome is about; equal to that of a state to which an undo leads."""
-        return self.state, self._read_files.versions({self.path.parent / name for name in self.state.texts})
+        # a text that is held because a later state replaces it is that of the file
+        texts = {name: text for name, text in self.state.texts.items() if text != self._held.get(name)}
+        return replace(self.state, texts=texts), self._read_files.versions({self.path.parent / name for name in texts})
 
     @property
     def checkpoints(self) -> RunCheckpoints:
