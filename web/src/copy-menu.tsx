@@ -3,6 +3,7 @@
 import { signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { type Copied, copiedAt, take, WAYS } from "./copying";
+import { Icon } from "./icons";
 
 interface Shown {
   own: Copied;
@@ -101,7 +102,7 @@ export function CopyMenu() {
             shown.value = { ...own, left: own.left - 126, open: true };
           }}
         >
-          ⧉
+          <Icon name="copy" />
         </button>
       )}
     </div>

@@ -10,6 +10,7 @@ const PATHS: Record<string, string> = {
   file: "M4 2h5l3 3v9H4zM9 2v3h3",
   link: "M6.5 9.5l3-3M7 5l1.5-1.5a2.5 2.5 0 0 1 3.6 3.6L10.6 8.6M9 11l-1.5 1.5a2.5 2.5 0 0 1-3.6-3.6L5.4 7.4",
   folder: "M2 4h4l1.5 2H14v7H2z",
+  copy: "M6 2.5h7.5V10H6zM10 10v3.5H2.5V6H6",
 };
 
 export function Icon({ name, kind = "" }: { name: string; kind?: string }) {
