@@ -1,36 +1,22 @@
 """Proposals that explain what better ones leave."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from kennfeld.analysis.missing.channels import Channels
-from kennfeld.analysis.missing.judging import Judge
 from kennfeld.analysis.missing.map_scoring import score_maps
 from kennfeld.analysis.missing.probes import Nodes
 from kennfeld.analysis.missing.proposal import TermProposal
 from kennfeld.analysis.missing.refit import hold_out
 from kennfeld.analysis.missing.scoring import score_problem
+from kennfeld.analysis.missing.search_round import SearchRound
 from kennfeld.analysis.missing.shortlist import LEVEL
-from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.search.multistart import run
 
 
-@dataclass(frozen=True)
-class Beside:
-    """Adds proposals one after the other, and asks what the next one explains beside them.
-
-    Attributes:
-        judge: of candidates.
-        channels: that take part.
-        nodes: that take part.
-        report: called with lines of text.
-    """
-
-    judge: Judge
-    channels: Channels
-    nodes: Nodes
-    report: Callable[[str], None]
+class Beside(SearchRound):
+    """Adds proposals one after the other, and asks what the next one explains beside them."""
 
     def independent(
         self, proposals: Sequence[TermProposal], rejected: list[str], candidates: int, *, follows: bool = False

@@ -1,20 +1,17 @@
 """The second round of a search: maps over two channels that explain more than the curves of the first round."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.analysis.missing.channels import Channels
-from kennfeld.analysis.missing.judging import Judge
 from kennfeld.analysis.missing.map_scoring import rescored, score_maps
-from kennfeld.analysis.missing.probes import Nodes
 from kennfeld.analysis.missing.proposal import TermProposal
 from kennfeld.analysis.missing.refit import Addition, hold_out, pooled
 from kennfeld.analysis.missing.scoring import Scored
+from kennfeld.analysis.missing.search_round import SearchRound
 from kennfeld.analysis.missing.shortlist import CandidateGroup, shortlist
 from kennfeld.analysis.missing.terms import Kind, describe
-from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameters import Axis, Curve, Parameter
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.search.multistart import run
@@ -26,21 +23,8 @@ OPEN = "cannot be judged, as the fit with a proposed curve of its channels has n
 LITTLE = "explains little that better proposals do not"
 
 
-@dataclass(frozen=True)
-class MapSearch:
-    """Scores, fits and judges maps.
-
-    Attributes:
-        judge: of candidates.
-        channels: that take part.
-        nodes: that take part.
-        report: called with lines of text.
-    """
-
-    judge: Judge
-    channels: Channels
-    nodes: Nodes
-    report: Callable[[str], None]
+class MapSearch(SearchRound):
+    """Scores, fits and judges maps."""
 
     def proposals(
         self,

@@ -7,6 +7,7 @@ from typing import Any
 from kennfeld.app.folders import confined
 from kennfeld.app.session.function_source import ImportSource, completed_reference, has_no_functions
 from kennfeld.app.session.initial_files import holds_variables
+from kennfeld.app.session.project_function import function_reference
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys
 from kennfeld.base.errors import ArgumentError, Findings, InputError, Location
@@ -157,9 +158,7 @@ def _variables(session: Session, kinds: dict[str, str], added: str) -> list[str]
         kinds: the roles of the files.
         added: the function among them; empty if the project keeps its own.
     """
-    model = session.settings.get("model", {})
-    file = added or str(model.get("file", "") if isinstance(model, dict) else "")
-    importer = importer_of(split_reference(file)[0])
+    importer = importer_of(split_reference(added or function_reference(session.settings))[0])
     if importer is None or "parameters" not in importer.keys:
         return []
     names = (name for name in _named(kinds, "calibration") if not _is_image(name))

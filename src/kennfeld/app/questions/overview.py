@@ -12,6 +12,7 @@ from kennfeld.app.questions.pictures import thumbnail
 from kennfeld.app.questions.recordings import used_entries
 from kennfeld.app.recent import project_id
 from kennfeld.app.session.live_model import LiveDataset
+from kennfeld.app.session.project_function import function_reference
 from kennfeld.app.session.reference import (
     deviation_of,
     reference_set,
@@ -326,8 +327,7 @@ def _search(work: SideWork[Any]) -> SearchState:
 
 
 def _function(session: Session) -> ShownFunction:
-    model = session.settings.get("model")
-    file = str(model.get("file", "")) if isinstance(model, dict) else ""
+    file = function_reference(session.settings)
     importer = importer_of(split_reference(file)[0])
     return ShownFunction(file, "formula" if importer is None else importer.screen)
 

@@ -12,11 +12,17 @@ from kennfeld.models import Model
 from kennfeld.models.formula import read as read_formula
 
 
-def formula_file(settings: Mapping[str, Any]) -> str:
-    """Return the name of the formula file of a project; empty if the function is something else."""
+def function_reference(settings: Mapping[str, Any]) -> str:
+    """Return the function that a project names in `[model] file`; empty if it names none."""
     model = settings.get("model")
     name = model.get("file") if isinstance(model, dict) else None
-    return name if isinstance(name, str) and name.lower().endswith(".kf") else ""
+    return name if isinstance(name, str) else ""
+
+
+def formula_file(settings: Mapping[str, Any]) -> str:
+    """Return the name of the formula file of a project; empty if the function is something else."""
+    name = function_reference(settings)
+    return name if name.lower().endswith(".kf") else ""
 
 
 class FunctionReader:
