@@ -47,7 +47,7 @@ class NumberSpan:
 
 @dataclass(frozen=True)
 class ValuePlace:
-    """Where the numbers of a value are: None without numbers, such as of a text.
+    """The numbers of a value; None for a value without numbers, such as a text.
 
     `axes` are the breakpoints of a table object by direction: None, or the name of a Simulink.Breakpoint that holds
     them, if the object itself does not.
@@ -72,8 +72,9 @@ def value_places(chunks: Mapping[str, bytes], file: str) -> dict[str, ValuePlace
             properties = _properties(entry)
             name = properties["Name"].text.strip() if "Name" in properties else ""
             if entry.get("Class") == "DD.ENTRY" and name and "Value" in properties:
-                # an entry replaces all of an earlier one of its name, fields included
-                places = {key: place for key, place in places.items() if key.partition(".")[0] != name}
+                if name in places:
+                    # an entry replaces all of an earlier one of its name, fields included
+                    places = {key: place for key, place in places.items() if key.partition(".")[0] != name}
                 places |= _Chunk(chunk, content).places(name, properties["Value"])
     return places
 
