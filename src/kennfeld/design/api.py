@@ -12,6 +12,7 @@ from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, L
 from kennfeld.base.formatting import count_noun, nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.design.bench_order import arrange
+from kennfeld.design.coverage import never
 from kennfeld.design.design_result import Design, Watch
 from kennfeld.design.doubts import doubts
 from kennfeld.design.filling_design import fill_region, plan_manoeuvres
@@ -168,7 +169,7 @@ def design_project(
     use: Sequence[str] = (),
     progress: Progress | None = None,
     settings: Mapping[str, Any] | None = None,
-    watch: Watch = lambda made: False,
+    watch: Watch = never,
 ) -> Design:
     """Return the design of a project; see `design`. Warnings are among its findings.
 
@@ -187,7 +188,7 @@ def made_design(
     values: ParameterSet | None = None,
     *,
     near: bool = False,
-    watch: Watch = lambda made: False,
+    watch: Watch = never,
 ) -> ProjectDesign:
     """Return the design of a project with its fit; see `ProjectData.fit` for the values that this begins from.
 
@@ -232,7 +233,7 @@ def _around(
     use: Sequence[Dataset],
     place: Location,
     findings: Sequence[Finding] = (),
-    watch: Watch = lambda made: False,
+    watch: Watch = never,
 ) -> Design:
     """Return a design around a fit."""
     problem = fitted.problem

@@ -9,6 +9,7 @@ from kennfeld.base.arrays import Float
 from kennfeld.base.errors import Finding, Findings, InputError, Location
 from kennfeld.base.formatting import count_noun, join_names
 from kennfeld.design.candidate_data import CandidateData
+from kennfeld.design.coverage import never
 from kennfeld.design.design_result import ChosenSegment, Design, Watch
 from kennfeld.design.fitted_function import FittedFunction
 from kennfeld.design.information import Information
@@ -37,7 +38,7 @@ def design_segments(
     length: float,
     warmup: float | None,
     seed: int = 0,
-    watch: Watch = lambda made: False,
+    watch: Watch = never,
 ) -> Design:
     """Choose pieces of recordings, or of planned manoeuvres, by coverage weighted by use.
 
@@ -147,7 +148,7 @@ def reduce_recordings(
     use: Sequence[Dataset],
     keep: int | None,
     seed: int = 0,
-    watch: Watch = lambda made: False,
+    watch: Watch = never,
 ) -> Design:
     """Find the recordings of the training data that add nothing, by coverage weighted by use.
 

@@ -12,7 +12,7 @@ from kennfeld.base.frozen_dict import FrozenDict
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.free_axes import AxisKey, free_axes, key_of
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Extrapolation, Parameter, Scalar
+from kennfeld.domain.parameters import Extrapolation, Parameter
 from kennfeld.domain.rbf import RBF, Hinge, Kernel
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.node import Graph, Node
@@ -69,17 +69,6 @@ def lower_lookups(graph: Graph, parameters: ParameterSet, smooth: Collection[str
         ArgumentError: a parameter is missing, or a table has another number of axes than coordinates in the graph.
     """
     _check(graph, parameters)
-    if not smooth and all(isinstance(parameters[name], Scalar) for name in graph.parameters):
-        return _lower_scalars(graph)
-    return _lower(graph, parameters, smooth)
-
-
-def _lower_scalars(graph: Graph) -> LoweredGraph:
-    """Return `lower_lookups` if all parameters are scalars, of which it depends on no other property."""
-    return _lower(graph, ParameterSet(Scalar(name, 0.0) for name in graph.parameters), ())
-
-
-def _lower(graph: Graph, parameters: ParameterSet, smooth: Collection[str]) -> LoweredGraph:
     axes: dict[bytes | AxisKey, int] = {}
     kept: list[Float] = []
     movable = free_axes(parameters)

@@ -56,16 +56,10 @@ class Factor:
         """
         size = len(lower)
         result = cls.empty(_full(size))
-        panels, inverse = result.panels, result.inverse
         # a factor as it stands needs only the reciprocals of its diagonal; those of the padding are 1
-        inverse[:size], inverse[size:] = 1 / lower.diagonal(), 1.0
-        for block, at in enumerate(range(0, size, BLOCK)):
-            begin, end = int(result.envelope.start[block]), min(at + BLOCK, size)
-            panel = panels[begin : begin + (at + BLOCK) * BLOCK].reshape(-1, BLOCK)
-            # a panel holds its eight rows column by column
-            panel[:end, : end - at] = np.tril(lower[at:end, :end], at).T
-            for row in range(end, at + BLOCK):
-                panel[row, row - at] = 1.0
+        result.load(lower, np.zeros(size))
+        result.inverse[:] = 1.0
+        result.inverse[:size] = 1 / np.diag(lower)
         return result
 
     @classmethod

@@ -30,14 +30,9 @@ def fingerprint(write: Callable[..., Any], arguments: Sequence[Any]) -> str | No
     packages = tuple(f"kennfeld.{name.replace('/', '.')}." for name in WRITERS)
     if not source or not write.__module__.startswith(packages):
         return None
-    return " ".join((source, write.__module__, write.__qualname__, _hash(content_of(arguments))))
-
-
-def content_of(arguments: Sequence[Any]) -> bytes:
-    """Return bytes that differ if anything in the arguments differs, bit for bit; see `fingerprint`."""
     content = io.BytesIO()
     _ArgumentPickler(content, protocol=5).dump(arguments)
-    return content.getvalue()
+    return " ".join((source, write.__module__, write.__qualname__, _hash(content.getvalue())))
 
 
 def fingerprint_of_text(text: str) -> str | None:
