@@ -65,10 +65,19 @@ def test_a_list_is_copied_as_a_spreadsheet_reads_it(torque: Path) -> None:
     assert rows[1].split("\t")[1:] == ["MapOptTorque", "247", "Nm", ""]
 
 
+TYPED_FAST = """async (text) => {
+  const key = (key, more) =>
+    document.activeElement.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true, cancelable: true, ...more }));
+  key("k", { ctrlKey: true });
+  for (let turn = 0; turn < 5; turn++) await null;
+  const input = document.activeElement;
+  input.value = text;
+  input.dispatchEvent(new Event("input", { bubbles: true }));
+  key("Enter");
+}"""  # all of it before the page is drawn again
+
+
 def test_the_palette_saves_pictures_by_name(torque: Path) -> None:
-    with project_page(torque, "parameters") as page:
-        page.keyboard.press("Control+k")
-        page.keyboard.type("save svg")
-        with page.expect_download() as download:
-            page.keyboard.press("Enter")
-        assert download.value.suggested_filename.endswith(".svg")
+    with project_page(torque, "parameters") as page, page.expect_download() as download:
+        page.evaluate(TYPED_FAST, "save svg")
+    assert download.value.suggested_filename.endswith(".svg")

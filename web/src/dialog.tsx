@@ -1,7 +1,7 @@
 // A dialog over the page. While it is open, keys reach nothing behind it, Tab stays within it, and Esc closes it.
 
 import type { ComponentChildren } from "preact";
-import { useEffect, useRef } from "preact/hooks";
+import { useLayoutEffect, useRef } from "preact/hooks";
 
 interface Props {
   label: string;
@@ -23,7 +23,8 @@ function turn(event: KeyboardEvent, own: HTMLElement): void {
 
 export function Dialog({ label, kind, close, children }: Props) {
   const box = useRef<HTMLDialogElement>(null);
-  useEffect(() => {
+  // before the next key comes: the first letters of what is typed belong into the dialog
+  useLayoutEffect(() => {
     const before = document.activeElement as HTMLElement | null;
     const own = box.current!;
     own.showModal(); // the browser makes the page behind it inert

@@ -37,13 +37,14 @@ const closeOverlay = (): void => {
 function Palette() {
   const text = useSignal("");
   const chosen = useSignal(0);
-  const found = useComputed(() => rank(searchable(), text.value.toLowerCase().split(/\s+/).filter(Boolean))).value;
+  const found = useComputed(() => rank(searchable(), text.value.toLowerCase().split(/\s+/).filter(Boolean)));
+  // keys may come faster than the list is drawn: what runs belongs to the text as it is, not to the list as it was
   const run = (index: number) => {
     overlay.value = "";
-    found[index]?.run();
+    found.value[index]?.run();
   };
   const key = (event: KeyboardEvent) => {
-    if (event.key === "ArrowDown") chosen.value = Math.min(found.length - 1, chosen.value + 1);
+    if (event.key === "ArrowDown") chosen.value = Math.min(found.value.length - 1, chosen.value + 1);
     else if (event.key === "ArrowUp") chosen.value = Math.max(0, chosen.value - 1);
     else if (event.key === "Enter") run(chosen.value);
     else return;
@@ -66,7 +67,7 @@ function Palette() {
         />
       </label>
       <div role="listbox" aria-label="What is found">
-        {found.map((command, k) => (
+        {found.value.map((command, k) => (
           <button
             class={`entry ${k === chosen.value ? "on" : ""}`}
             role="option"
@@ -86,7 +87,7 @@ function Palette() {
           </button>
         ))}
       </div>
-      {found.length === 0 && <p class="pad q">Nothing has this name.</p>}
+      {found.value.length === 0 && <p class="pad q">Nothing has this name.</p>}
     </Dialog>
   );
 }
