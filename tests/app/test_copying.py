@@ -66,8 +66,9 @@ def test_a_list_is_copied_as_a_spreadsheet_reads_it(torque: Path) -> None:
 
 
 TYPED_FAST = """async (text) => {
+  const pressed = { bubbles: true, cancelable: true };
   const key = (key, more) =>
-    document.activeElement.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true, cancelable: true, ...more }));
+    document.activeElement.dispatchEvent(new KeyboardEvent("keydown", { key, ...pressed, ...more }));
   key("k", { ctrlKey: true });
   for (let turn = 0; turn < 5; turn++) await null;
   const input = document.activeElement;

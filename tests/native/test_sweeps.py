@@ -124,6 +124,53 @@ def native_rows(tape, pattern, a):
     return jacobian
 
 
+REACH = 16  # columns that can reach a state, of 32
+
+
+def half_reaching(m, n):
+    """A tape of which the columns from REACH on have slopes of the outputs alone; S, and what lies behind it."""
+    tape = Tape(m, n, columns=32)
+    tape.slope[:, :, m:][tape.index >= REACH] = 0.0
+    tape.start[:, REACH:] = 0.0
+    behind = np.full((n + 1, 32), -0.0)  # -0 + 0 is 0: an addition of nothing shows as well
+    s = behind.reshape(-1)[: n * REACH].reshape(n, REACH)
+    s[:] = tape.start[:, :REACH]
+    return tape, behind, s
+
+
+def is_untouched(behind, n):
+    return np.signbit(behind.reshape(-1)[n * REACH :]).all()
+
+
+@pytest.mark.parametrize(("m", "n"), [(1, 1), (2, 3), (1, 9)])
+def test_rows_add_to_no_sensitivity_of_a_column_that_reaches_no_state(m, n):
+    tape, behind, s = half_reaching(m, n)
+    following = np.full((n + 1, 32), -0.0)
+    rings, jacobian = np.zeros(n, dtype=np.int64), np.full((tape.length, m, 32), np.nan)
+    before, carried = at(tape.weight, tape.c, tape.a, s), at(rings, following)
+    sweeps(tape.pattern).rows(tape.length, *before, REACH, *carried, *tape.entries(), *at(jacobian), 32)
+    close(jacobian, np.sqrt(tape.weight)[:, :, None] * tape.rows()[0])
+    assert is_untouched(behind, n)
+    assert is_untouched(following, n)
+
+
+@pytest.mark.parametrize(("m", "n"), [(1, 1), (2, 3)])
+def test_sweeps_add_to_no_sensitivity_of_a_column_that_reaches_no_state(m, n):
+    tape, behind, s = half_reaching(m, n)
+    native = sweeps(tape.pattern)
+    q, lam, q_next, l_next = (np.zeros(shape) for shape in ((n, n), n, (tape.length, n, n), (tape.length, n)))
+    steps = at(tape.residual, tape.weight, tape.c, tape.a)
+    native.backward(tape.length, *steps, *at(q, lam, q_next, l_next))
+    matrix, gradient = 0.5 * tape.start.T @ q @ tape.start, tape.start.T @ lam
+    scratch = np.zeros(scratch_size(tape.pattern, tape.room))
+    later = (*at(q_next, l_next, s), REACH, *at(scratch))
+    native.forward(tape.length, *steps, *later, *tape.entries(), *at(matrix), 32, *at(gradient))
+    native.fold(matrix.ctypes.data, 32, 32)
+    close(gradient, tape.sums[0])
+    close(matrix, tape.sums[1])
+    assert is_untouched(behind, n)
+
+
 @pytest.mark.parametrize("m", [1, 3])
 def test_states_that_take_over_what_others_were_need_no_slopes(m):
     n, pairs = 15, {0: 3, 4: 4, 5: 6, 6: 5, 9: 8, 14: 0}

@@ -19,7 +19,7 @@ from contextlib import contextmanager
 
 from kennfeld.base.machine_code.ir import HALF, LANES, ONE, ZERO, FunctionWriter, Vector
 from kennfeld.native.tape_layout import TapeLayout
-from kennfeld.native.tape_reader import ENTRIES, SUMS, Rows, TapeEntries, dot, load_row, whole_width
+from kennfeld.native.tape_reader import ENTRIES, SUMS, Rows, TapeEntries, dot, load_row, reaching, whole_width
 
 BATCH = 64  # samples at most, so that products of A that grow do not overflow before S does
 
@@ -183,8 +183,10 @@ class _SweepBatch:
             for row, value in zip(rows, [dot(f, p, old) for p in carried], strict=True):
                 f.store(value, row, j)
         with f.loop(0, entries.count) as e:
-            for row, own in zip(rows, self.own, strict=True):
-                f.increase(f.load(own, e), row, entries.column(e))
+            column = entries.column(e)
+            with reaching(f, column):
+                for row, own in zip(rows, self.own, strict=True):
+                    f.increase(f.load(own, e), row, column)
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from itertools import accumulate, chain
 
 from kennfeld.base.machine_code.ir import EIGHT, LANES, ZERO, FunctionWriter, Vector, integer_table
 from kennfeld.native.tape_layout import MANY, TapeLayout
-from kennfeld.native.tape_reader import ENTRIES, Rows, TapeEntries, dot, load_row, times, whole_width
+from kennfeld.native.tape_reader import ENTRIES, Rows, TapeEntries, dot, load_row, reaching, times, whole_width
 
 STRIP = 4  # vectors of columns at a time: as many sums as hide the time that one takes
 
@@ -44,7 +44,8 @@ def rows_functions(pattern: TapeLayout) -> list[FunctionWriter]:
             column, slopes = entries.column(e), entries.slopes(e)
             for o in range(m):
                 f.increase(f.fmul(roots[o], f.load(slopes, o)), out[o], column)
-            states.add_entry(column, f.at(slopes, m))
+            with reaching(f, column):
+                states.add_entry(column, f.at(slopes, m))
         # last: rows of S are replaced once all sums of this sample have read them
         states.turn()
     return [add_combination(n, many_tables(pattern)), f] if n > MANY else [f]

@@ -4,6 +4,7 @@ Doubles that are structurally zero are not read: they are the text `ZERO`, and p
 """
 
 from collections.abc import Collection, Sequence
+from contextlib import AbstractContextManager
 
 from kennfeld.base.machine_code.ir import ZERO, FunctionWriter
 
@@ -33,6 +34,11 @@ def times(f: FunctionWriter, a: str, b: str) -> str:
 def whole_width(f: FunctionWriter) -> str:
     """Return the width of S as a multiple of whole vectors, so that LLVM adds no remainder loop."""
     return f.new(f"and i64 %width, -{VECTOR}")
+
+
+def reaching(f: FunctionWriter, column: str) -> AbstractContextManager[None]:
+    """Run the body if a column can reach a state; S has no other columns."""
+    return f.when(f.new(f"icmp slt i64 {column}, %width"))
 
 
 class TapeEntries:
