@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import kennfeld as kf
 from kennfeld.base.errors import ArgumentError
-from kennfeld.domain.criteria import ROBUST_LOSSES, Region
+from kennfeld.domain.criteria import Region
 from kennfeld.optimize import Problem
 from kennfeld.optimize.sums.compiled import CompiledProblem
 from kennfeld.optimize.sums.objective import LeastSquaresObjective
