@@ -6,7 +6,7 @@ import pytest
 from kennfeld.base.errors import ArgumentError, InputError
 from kennfeld.calfiles import losses, read, write
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Cube, Curve, Map, Scalar, Text
+from kennfeld.domain.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
 
 ENDINGS = (".json", ".csv", ".cdfx", ".dcm", ".xlsx", ".m", ".mat")
 LOAD = Axis([0, 1], unit="%")
@@ -28,6 +28,8 @@ ASPECTS = {
     "free axis": Curve("C", Axis([0, 1], free=True), [1, 2]),
     "extrapolation": Curve("C", [0, 1], [1, 2], extrapolation="linear"),
     "group axis": Map("M", GROUP, LOAD, [[0, 1], [2, 3], [4, 5]]),
+    "block of one column": Block("B", [[1.0], [2.0]]),
+    "block of one row": Block("B", [[1.0, 2.0]]),
     "cube": Cube("Q", [LOAD, LOAD, GROUP], np.arange(12.0).reshape(2, 2, 3)),
     "text unit": Text("T", "on", unit="-"),
     "enumeration": Text("T", "on", kind="enumeration"),
