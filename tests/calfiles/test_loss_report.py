@@ -5,8 +5,10 @@ import pytest
 
 from kennfeld.base.errors import ArgumentError, InputError
 from kennfeld.calfiles import losses, read, write
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Cube, Curve, Map, Scalar, Text
+from kennfeld.domain.parameters import Cube, Curve, Map, Scalar
+from kennfeld.domain.texts import Text
 
 ENDINGS = (".json", ".csv", ".cdfx", ".dcm", ".xlsx", ".m", ".mat")
 LOAD = Axis([0, 1], unit="%")
