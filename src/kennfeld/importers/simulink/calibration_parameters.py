@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Block, Parameter, Scalar, parameter
+from kennfeld.domain.parameters import Block, Parameter, Scalar, parameter
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.importers.simulink.variables.mask_scope import Variable, nested_field
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
