@@ -140,8 +140,8 @@ def test_a_table_of_literals_is_fitted_by_a_section_and_else_reported(drawn):
     model.write(drawn.folder, DRAWN)
     drawn.change("[parameters.Slope]\ninitial = 1.0\n", "")
     assert drawn.warnings() == [
-        'kennfeld.toml [calibration] free: no value can be fitted: Eta:Table is locked. A section [parameters."Eta:Table"] '
-        "unlocks a table."
+        "kennfeld.toml [calibration] free: no value can be fitted: Eta:Table is locked. "
+        'A section [parameters."Eta:Table"] unlocks a table.'
     ]
     drawn.add('[parameters."Eta:Table"]\ninitial = 0')
     assert drawn.warnings() == []
