@@ -5,8 +5,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from kennfeld.base.arrays import Bool
+from kennfeld.domain.axis import AXIS_LETTERS
 from kennfeld.domain.breakpoint_rounding import SAME
-from kennfeld.domain.parameters import AXIS_LETTERS, Parameter
+from kennfeld.domain.parameters import Parameter
 
 _CELL = 1e-3  # share of the narrowest cell that is no rounding error
 Range = Mapping[str, tuple[float, float]]  # by direction, both ends included
