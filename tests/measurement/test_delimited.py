@@ -67,8 +67,8 @@ def test_times_of_any_name_begin_rasters_of_their_own(tmp_path):
     fast, slow = rasters(tmp_path)
     assert [column.name for column in fast.columns] == ["fast", "n"]
     assert time_in_seconds(find_time(slow)).tolist() == [0, 0.2]
-    (only,) = rasters(tmp_path, channels=("T",))
-    assert [column.name for column in only.columns] == ["slow", "T"]
+    (slow,) = rasters(tmp_path, channels=("T",))
+    assert [column.name for column in slow.columns] == ["slow", "T"]
 
 
 def test_a_time_in_another_unit_is_reported_unless_the_caller_states_one(tmp_path):
