@@ -110,6 +110,7 @@ class _ConditionParser(OperatorParser[ScannedToken, int]):
 
 
 def _number(token: str) -> int:
+    # names that are left after the macros are replaced count as 0 (C99, 6.10.1)
     if re.fullmatch(r"[A-Za-z_]\w*", token):
         return 0
     match = re.fullmatch(r"(0[xX][0-9a-fA-F]{1,16}|\d{1,20})[uUlL]*", token)

@@ -245,11 +245,13 @@ def _function(tree: c_ast.FuncDef, file: CFile) -> CFunctionDeclaration:
     parameters = declared.args.params if declared.args is not None else []
     arguments = []
     for parameter in parameters:
+        # `f(void)` has no arguments
         if isinstance(parameter, c_ast.Typename) and _is_void(parameter.type):
             continue
         if not isinstance(parameter, c_ast.Decl):
             raise UnsupportedCError(f"{tree.decl.name} has arguments that are not supported", line_of(tree.decl))
         arguments.append(_argument(parameter, tree, file))
+    # a function that returns the address it was given is a procedure: what counts is what it wrote there
     passed_back = _passed_back(tree) if isinstance(declared.type, c_ast.PtrDecl) else ""
     if passed_back not in {each.variable.name for each in arguments}:
         passed_back = ""

@@ -232,6 +232,7 @@ class ParameterExpressions:
     def _find(self, path: Sequence[str], scope: Scope, live: bool) -> "FieldValue | None":
         """Return the value of a name or of a path of fields; None if the name is undefined."""
         name, variable = ".".join(path), scope.find(path[0])
+        # a number that may be divided by and is a size: the evaluation is to reach the next undefined name
         if name in self._assumed or path[0] in self._assumed:
             return s.constants(self.builder, np.ones((1, 1)))
         if isinstance(variable, MaskVariable) and len(path) > 1:
