@@ -93,6 +93,7 @@ class _ConditionParser(OperatorParser[ScannedToken, int]):
     def joined(self, left: int, level: int) -> int:
         rule = _RULES[self.take().text]
         value = int(rule(left, self.operations(level + 1)))
+        # repeated shifts and products would fill the memory
         if value.bit_length() > _MAX_BITS:
             raise ConditionError("a number is too large")
         return value

@@ -175,6 +175,7 @@ def _size_of_object(tree: c_ast.Node, file: CFile) -> int:
         declared = file.types.declared(tree)
         return size_of(file.types, declared.type, declared.sizes, is_pointer=declared.is_pointer)
     depth = 0
+    # indices do not matter: all elements have one size, and sizeof evaluates nothing
     while isinstance(tree, c_ast.ArrayRef):
         tree, depth = tree.name, depth + 1
     if not isinstance(tree, c_ast.ID) or tree.name not in file.variables:
@@ -331,6 +332,7 @@ def is_indexed(tree: c_ast.Node, name: str) -> bool:
         node = waiting.pop()
         match node:
             case c_ast.ArrayRef(name=c_ast.ID(name=indexed), subscript=index) if indexed == name:
+                # p[0] is another way to write *p
                 if not (isinstance(index, c_ast.Constant) and index.value in ("0", "0U", "0u")):
                     return True
             case c_ast.UnaryOp(op="*", expr=c_ast.BinaryOp(op="+", left=c_ast.ID(name=indexed))) if indexed == name:
