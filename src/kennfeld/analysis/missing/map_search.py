@@ -37,7 +37,7 @@ class MapSearch(SearchRound):
     ) -> list[TermProposal]:
         """Return maps that explain more on held-out data than the proposals of the first round.
 
-        They are scored beside these, with more breakpoints: what a curve explains is no reason for a map.
+        They are scored beside these, with more breakpoints: a map must explain more than a curve.
 
         Args:
             kinds: how maps are added to a node.

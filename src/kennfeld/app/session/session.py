@@ -35,7 +35,7 @@ class Session(SavedProject):
     Args:
         path: the project file.
         changed: called from another thread when a running job has reported something, for `pump` to handle.
-        activity: told of what takes a while, such as the reading of recordings.
+        activity: called with the progress of what takes a while, such as the reading of recordings.
     """
 
     def __init__(
@@ -172,8 +172,8 @@ class Session(SavedProject):
             self._end(end)
             self._apply_waiting()
             if changes := self._data_changes():
-                told = "; ".join(map(str, changes))
-                self.job.message += f" Since its data were read, files have changed: {told}."
+                changed = "; ".join(map(str, changes))
+                self.job.message += f" Since its data were read, files have changed: {changed}."
 
     def _end(self, end: Ended) -> None:
         """Take over the values of a run that has ended."""

@@ -158,7 +158,7 @@ class _AmdReader:
         """Return the elements of a component by name; None if its `.main.amd` file is missing."""
         if component + MAIN in self.files:
             return {element.name: element for element in self.library.component(component).elements}
-        message = f"{file_name(component + MAIN)} is missing: variables cannot be told from parameters"
+        message = f"{file_name(component + MAIN)} is missing: variables cannot be distinguished from parameters"
         remedy = "Keep all .amd files of a component together."
         self.findings.add(Finding(Location(file_name(path)), message, remedy, severity="warning"))
         return None

@@ -121,7 +121,7 @@ class _Dialect:
 
 
 def read_cvx(source: CalibrationSource) -> ReadResult:
-    """Return the parameters of a CVX file; identifiers are compared without regard to case, as the specification asks.
+    """Return the parameters of a CVX file; identifiers are compared without case, as the specification requires.
 
     Raises `InputError` with all findings.
     """

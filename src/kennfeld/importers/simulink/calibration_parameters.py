@@ -89,6 +89,8 @@ class DeclaredParameters:
     def _candidate_names(self, parameter: Parameter) -> Iterator[str]:
         """Yield names for a parameter, preferred first: its own, unless the top model uses it for other values."""
         top = self._top_level_numbers(parameter.name)
+        if top is not None and top.size == 1:  # one number may stand for all values of a table
+            top = np.full(parameter.size, top.item())
         if top is None or np.array_equal(np.ravel(top), parameter.values.ravel(), equal_nan=True):
             yield parameter.name
         yield from (f"{parameter.name}_{number}" for number in count(2))

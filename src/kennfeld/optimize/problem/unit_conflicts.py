@@ -69,7 +69,7 @@ def convert_units(datasets: Sequence[Dataset], wanted: Mapping[str, tuple[str, s
     first: dict[str, tuple[str, str]] = {}
     converted = []
     for data in datasets:
-        # every conversion is recorded under the dataset alone, so that its remarks can be told from those of others
+        # every conversion is recorded under the dataset alone, so that its remarks stay apart from those of others
         own = Units({}, wanted, first)
         after = own.convert(data, f"dataset {data.name}")
         converted.append(after.with_findings(*own.remarks(())))
