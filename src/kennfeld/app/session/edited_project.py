@@ -293,7 +293,7 @@ class EditedProject:
         try:
             project = Project.read(self.path, self.unsaved_texts)
             self._read_files.note_matching(project.file)
-            # before code runs for its names, and before recordings at an address are read
+            # before code of the function runs, and before recordings at an address are read
             self._require_consent(project)
             project = self._recordings.provide(project)
             self.project, self._own_findings = project, (*self._read_again, *project.check())
