@@ -76,11 +76,12 @@ static int32_t N_find(T x, const T *points, int32_t n)
    follows from x */
 static int32_t N_find_even(T x, const T *points, int32_t n, T density)
 {
+    const int32_t last = n - 2;
     const T guess = (x - points[0]) * density;
     int32_t cell = 0;
 
-    if (guess >= (T)(n - 1)) {
-        cell = n - 2;
+    if (guess >= (T)last) {
+        cell = last;
     } else if (guess > $0) {
         cell = (int32_t)guess;
     } else {
@@ -89,7 +90,7 @@ static int32_t N_find_even(T x, const T *points, int32_t n, T density)
     while ((cell > 0) && (x < points[cell])) {
         cell--;
     }
-    while ((cell < (n - 2)) && (x >= points[cell + 1])) {
+    while ((cell < last) && (x >= points[cell + 1])) {
         cell++;
     }
     return cell;
