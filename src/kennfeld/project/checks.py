@@ -42,6 +42,7 @@ from kennfeld.optimize.search.isolated_call import isolated
 from kennfeld.optimize.strategies.global_search import FEW
 from kennfeld.optimize.strategies.jumps import MAX_NAMES, find_jumps
 from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.model_step import clock_findings
 from kennfeld.preprocessing.pipeline import LoadedData
@@ -139,7 +140,7 @@ def check_start(file: ProjectFile, problem: Problem) -> Iterator[Finding]:
     except InputError:  # reported by other checks
         return
     start, _ = project(compiled.start[: compiled.values.free], limits)
-    off = None if start is None else departure(compiled, start, limits)
+    off = None if start is None else departure(LeastSquaresObjective(compiled), compiled, start, limits)
     if off is None:
         return
     for name in off.changed:

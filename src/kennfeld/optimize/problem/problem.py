@@ -19,6 +19,7 @@ from kennfeld.domain.free_axes import AxisKey, FreeAxis, free_axes, key_of
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.storage import StorageRounding
 from kennfeld.graph import Graph, GraphBuilder
+from kennfeld.graph.lookup_lowering import LoweredGraph, lower_lookups
 from kennfeld.graph.traversal import ancestors_in_time
 from kennfeld.models import Model
 from kennfeld.optimize.problem.limit_nodes import keeps_pieces
@@ -248,6 +249,11 @@ class Problem:
             scored = node if other is None else b.call("sub", node, names[other])
             names[difference(i)] = average_window(b, scored) if averaging and not criterion.internal else scored
         return b.finish(names, self.model.graph.units, self.model.graph.outputs)
+
+    @cached_property
+    def lowered(self) -> LoweredGraph:
+        """The graph with its lookups lowered onto the axes of the parameters, none of them smoothed."""
+        return lower_lookups(self.graph, self.parameters)
 
     def target_node(self, criterion: Criterion) -> str | None:
         """Return the name of the target of a criterion if it is a node, else None."""

@@ -229,7 +229,7 @@ def _recordings(problem: Problem, pairs: Sequence[tuple[Dataset, "_PartSums"]]) 
 
 
 def _compile_differences(problem: Problem) -> NodeSimulator:
-    return NodeSimulator(problem.graph, problem.parameters, problem.differences)
+    return NodeSimulator.of_lowered(problem.lowered, problem.parameters, problem.differences)
 
 
 def _sum_partition(problem: Problem, before: ParameterSet, after: ParameterSet) -> dict[str, "_PartSums"]:

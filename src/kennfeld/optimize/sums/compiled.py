@@ -23,6 +23,7 @@ from kennfeld.graph.call_columns import CalledColumns, read_calls, unlocked_valu
 from kennfeld.graph.external_function import is_sequential, living_functions
 from kennfeld.graph.lookup_lowering import LoweredGraph, lower_lookups
 from kennfeld.graph.partition import partition_graph
+from kennfeld.graph.traversal import dependents
 from kennfeld.native.accumulator import Accumulator
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.sample_loop import Output
@@ -65,9 +66,11 @@ def smoothable(problem: Problem) -> bool:
 
     Functions that keep memory run through whole trajectories at each evaluation, which several descents would repeat.
     """
-    if not any(node.op == "lookup" and node.args for node in problem.graph.nodes):
-        return False  # scalars alone
-    lowered = lower_lookups(problem.graph, problem.parameters, problem.free_names)
+    graph = problem.graph
+    moving = dependents(graph, lambda node: node.parameter in problem.free_names, through_states=False)
+    if not any(node.op == "lookup" and not moving.isdisjoint(node.args) for node in graph.nodes):
+        return False  # whatever the criteria need
+    lowered = lower_lookups(graph, problem.parameters, problem.free_names)
     needed = partition_graph(lowered.graph, problem.differences, (*problem.free_names, *problem.free_axes)).graph
     if any(is_sequential(node) for node in needed.nodes):
         return False
@@ -109,7 +112,8 @@ class CompiledProblem:
         # order: weights and restarts are part of the graph before lookups are lowered and data-only parts cut off
         weighted = self.weighting.extend(problem.graph)
         graph = with_step(restart_states(weighted) if self.form.restarts else weighted, self.form.step)
-        self._lowered = lower_lookups(graph, parameters, free if smooth_like else ())
+        shared = graph is problem.graph and smooth_like is None
+        self._lowered = problem.lowered if shared else lower_lookups(graph, parameters, free if smooth_like else ())
         scored = [*problem.differences, *self.weighting.inputs.values()]
         self._split = partition_graph(self._lowered.graph, scored, fitted)
         self._called = self._read_calls(fitted)
