@@ -124,6 +124,8 @@ class SolverResult:
 
     def with_effort_of(self, results: "Sequence[SolverResult]") -> "SolverResult":
         """Return this result with the iterations and evaluations of all `results`."""
+        if len(results) == 1 and results[0] is self:
+            return self
         iterations = sum(result.iterations for result in results)
         return replace(self, iterations=iterations, evaluations=sum(result.evaluations for result in results))
 

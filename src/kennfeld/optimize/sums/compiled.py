@@ -135,7 +135,7 @@ class CompiledProblem:
 
     def _read_calls(self, fitted: Sequence[str | AxisKey]) -> CalledColumns:
         tables = [self.problem.parameters[name] for name in self.problem.free_names]
-        return read_calls(self._split.graph, fitted, [value for table in tables for value in unlocked_values(table)])
+        return read_calls(self._split.graph, fitted, (value for table in tables for value in unlocked_values(table)))
 
     @cached_property
     def _functions(self) -> CalledFunctions:
