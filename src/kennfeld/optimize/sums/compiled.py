@@ -8,7 +8,7 @@ from copy import copy
 from dataclasses import replace
 from functools import cached_property, lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from kennfeld.graph import Graph
 from kennfeld.graph.call_columns import CalledColumns, read_calls, unlocked_values
 from kennfeld.graph.external_function import is_sequential, living_functions
 from kennfeld.graph.lookup_lowering import LoweredGraph, lower_lookups
-from kennfeld.graph.partition import partition_graph
+from kennfeld.graph.partition import GraphPartition, partition_graph
 from kennfeld.graph.traversal import dependents
 from kennfeld.native.accumulator import Accumulator
 from kennfeld.native.kernel import Kernel
@@ -40,6 +40,7 @@ from kennfeld.optimize.problem.partitions import (
 )
 from kennfeld.optimize.problem.picked_recordings import count_recordings, pick_recordings
 from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.problem.structure import Structure
 from kennfeld.optimize.problem.table_penalties import Penalty, penalty_of
 from kennfeld.optimize.sums.call_sums import CalledFunctions
 from kennfeld.optimize.sums.kept_columns import ColumnStorage, RecentColumns, StoredColumns
@@ -49,6 +50,7 @@ from kennfeld.optimize.sums.remembered_sums import RememberedSums
 from kennfeld.optimize.sums.sums import Sums, SumsFactory
 from kennfeld.preprocessing.prepared_files import touch
 from kennfeld.preprocessing.recording_sources import version_of
+from kennfeld.preprocessing.sample_weights import SampleWeights
 from kennfeld.preprocessing.samples import TrainingSource, assemble_samples
 from kennfeld.preprocessing.settling import group_points, restart_states, sample_ages
 from kennfeld.preprocessing.stored_samples import StoredSamples, in_visiting_order, read_samples, sample_columns
@@ -75,6 +77,48 @@ def smoothable(problem: Problem) -> bool:
     if any(is_sequential(node) for node in needed.nodes):
         return False
     return any(any(node.payload.smoothed) for node in needed.nodes if node.op == "interpolate")
+
+
+class _Code(NamedTuple):
+    """A graph with its lookups lowered, its part that depends on free values, and the kernel of that part."""
+
+    lowered: LoweredGraph
+    split: GraphPartition
+    called: CalledColumns
+    kernel: Kernel
+
+
+def _structure_of_code(problem: Problem, form: DataForm) -> Structure:
+    """Return what the code depends on besides `Problem.structure`."""
+    losses = tuple((c.scale, c.loss, c.delta) for c in problem.criteria)
+    return _fitted(problem), losses, form.restarts, form.step, tuple(form.weighting.inputs.items())
+
+
+def _fitted(problem: Problem) -> tuple[str | AxisKey, ...]:
+    return (*problem.free_names, *problem.free_axes)
+
+
+def _compile(problem: Problem, form: DataForm, *, smoothed: bool) -> _Code:
+    parameters, free, fitted, weighting = problem.parameters, problem.free_names, _fitted(problem), form.weighting
+    # order: weights and restarts are part of the graph before lookups are lowered and data-only parts cut off
+    weighted = weighting.extend(problem.graph)
+    graph = with_step(restart_states(weighted) if form.restarts else weighted, form.step)
+    shared = graph is problem.graph and not smoothed
+    lowered = problem.lowered if shared else lower_lookups(graph, parameters, free if smoothed else ())
+    split = partition_graph(lowered.graph, [*problem.differences, *weighting.inputs.values()], fitted)
+    values = (value for name in free for value in unlocked_values(parameters[name]))
+    called = read_calls(split.graph, fitted, values)
+    reduced = LoweredGraph(called.graph, lowered.axes, lowered.shapes)
+    return _Code(lowered, split, called, Kernel(reduced, _outputs(problem, weighting, reduced.graph), parameters, fitted))
+
+
+def _outputs(problem: Problem, weighting: SampleWeights, graph: Graph) -> list[Output]:
+    names = graph.names
+    weights = {i: names[name] for i, name in weighting.inputs.items()}
+    return [
+        Output(names[name], c.scale, c.loss, c.delta, weights.get(i))
+        for i, (name, c) in enumerate(zip(problem.differences, problem.criteria, strict=True))
+    ]
 
 
 class CompiledProblem:
@@ -108,17 +152,12 @@ class CompiledProblem:
         parameters, free = problem.parameters, problem.free_names
         self.form = form or DataForm.of(problem)
         self.weighting = self.form.weighting
-        fitted: tuple[str | AxisKey, ...] = (*free, *problem.free_axes)
-        # order: weights and restarts are part of the graph before lookups are lowered and data-only parts cut off
-        weighted = self.weighting.extend(problem.graph)
-        graph = with_step(restart_states(weighted) if self.form.restarts else weighted, self.form.step)
-        shared = graph is problem.graph and smooth_like is None
-        self._lowered = problem.lowered if shared else lower_lookups(graph, parameters, free if smooth_like else ())
-        scored = [*problem.differences, *self.weighting.inputs.values()]
-        self._split = partition_graph(self._lowered.graph, scored, fitted)
-        self._called = self._read_calls(fitted)
-        reduced = LoweredGraph(self._called.graph, self._lowered.axes, self._lowered.shapes)
-        self.kernel = Kernel(reduced, self._kernel_outputs(reduced.graph), parameters, fitted)
+        code = problem.model.once(
+            "code" if smooth_like is None else "smoothed code",
+            problem.structure and (problem.structure, _structure_of_code(problem, self.form)),
+            lambda: _compile(problem, self.form, smoothed=smooth_like is not None),
+        )
+        self._lowered, self._split, self._called, self.kernel = code
         self.spacings = np.array([(a[-1] - a[0]) / max(a.size - 1, 1) for a in self._lowered.axes] or [0.0])
         self._sums_of: SumsFactory = smooth_like._sums_of if smooth_like else sums_of or Accumulator
         self._smooth_like = smooth_like
@@ -133,10 +172,6 @@ class CompiledProblem:
         self.start = self.values.pack(parameters)
         self._stored: list[tuple[StoredSamples, Part]] = []  # of one partition
 
-    def _read_calls(self, fitted: Sequence[str | AxisKey]) -> CalledColumns:
-        tables = [self.problem.parameters[name] for name in self.problem.free_names]
-        return read_calls(self._split.graph, fitted, (value for table in tables for value in unlocked_values(table)))
-
     @cached_property
     def _functions(self) -> CalledFunctions:
         return CalledFunctions(self._called, self._lowered, self.problem.parameters, self.values)
@@ -145,14 +180,6 @@ class CompiledProblem:
     def stateful(self) -> bool:
         """True if samples are visited in the order of time, because the model has states or calls that have them."""
         return bool(self.kernel.line.states) or self._called.trajectories is not None
-
-    def _kernel_outputs(self, graph: Graph) -> list[Output]:
-        names = graph.names
-        weights = {i: names[name] for i, name in self.weighting.inputs.items()}
-        return [
-            Output(names[name], c.scale, c.loss, c.delta, weights.get(i))
-            for i, (name, c) in enumerate(zip(self.problem.differences, self.problem.criteria, strict=True))
-        ]
 
     @cached_property
     def samples(self) -> Samples:

@@ -1,0 +1,33 @@
+"""What code compiled for a problem depends on besides its function: fits of one model to other data share the code."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from kennfeld.domain.free_axes import free_axes
+from kennfeld.domain.parameter_set import ParameterSet
+from kennfeld.domain.parameters import Parameter
+from kennfeld.domain.rbf import RBF
+from kennfeld.graph import Graph
+
+Structure = tuple[Any, ...]  # of what `==` compares: numbers, texts, bytes, and tuples of these
+
+
+def structure_of(graph: Graph, parameters: ParameterSet) -> Structure | None:
+    """Return all that the code of a graph depends on in the parameters: their shapes and axes, but no values or bounds.
+
+    None if the graph calls functions or networks, or looks up an expansion: their code may depend on more.
+    """
+    used: Mapping[str, int] = graph.parameters
+    if any(node.op in ("external", "dense") for node in graph.nodes) or not all(name in parameters for name in used):
+        return None
+    tables = [parameters[name] for name in used]
+    if any(isinstance(table, RBF) for table in tables):
+        return None
+    # a group axis is free if it is so in any table, also in one that the function does not use
+    return tuple(map(_structure_of_table, tables)), tuple(free_axes(parameters))
+
+
+def _structure_of_table(table: Parameter) -> Structure:
+    # breakpoints by their bits: 0.0 and -0.0 are equal, but different constants
+    axes = tuple((axis.name, axis.breakpoints.tobytes()) for axis in table.axes)
+    return table.name, table.kind, table.values.shape, table.extrapolation, axes
