@@ -51,7 +51,7 @@ from kennfeld.optimize.sums.sums import Sums, SumsFactory
 from kennfeld.preprocessing.prepared_files import touch
 from kennfeld.preprocessing.recording_sources import version_of
 from kennfeld.preprocessing.sample_weights import SampleWeights
-from kennfeld.preprocessing.samples import TrainingSource, assemble_samples
+from kennfeld.preprocessing.samples import SampleAssembly, TrainingSource
 from kennfeld.preprocessing.settling import group_points, restart_states, sample_ages
 from kennfeld.preprocessing.stored_samples import StoredSamples, in_visiting_order, read_samples, sample_columns
 
@@ -80,12 +80,13 @@ def smoothable(problem: Problem) -> bool:
 
 
 class _Code(NamedTuple):
-    """A graph with its lookups lowered, its part that depends on free values, and the kernel of that part."""
+    """A lowered graph, its part that depends on free values, and the kernel and the assembly of samples of that part."""
 
     lowered: LoweredGraph
     split: GraphPartition
     called: CalledColumns
     kernel: Kernel
+    assembly: SampleAssembly
 
 
 def _structure_of_code(problem: Problem, form: DataForm) -> Structure:
@@ -109,7 +110,8 @@ def _compile(problem: Problem, form: DataForm, *, smoothed: bool) -> _Code:
     values = (value for name in free for value in unlocked_values(parameters[name]))
     called = read_calls(split.graph, fitted, values)
     reduced = LoweredGraph(called.graph, lowered.axes, lowered.shapes)
-    return _Code(lowered, split, called, Kernel(reduced, _outputs(problem, weighting, reduced.graph), parameters, fitted))
+    kernel = Kernel(reduced, _outputs(problem, weighting, reduced.graph), parameters, fitted)
+    return _Code(lowered, split, called, kernel, SampleAssembly(lowered, split, kernel, parameters))
 
 
 def _outputs(problem: Problem, weighting: SampleWeights, graph: Graph) -> list[Output]:
@@ -157,7 +159,7 @@ class CompiledProblem:
             problem.structure and (problem.structure, _structure_of_code(problem, self.form)),
             lambda: _compile(problem, self.form, smoothed=smooth_like is not None),
         )
-        self._lowered, self._split, self._called, self.kernel = code
+        self._lowered, self._split, self._called, self.kernel, self._assembly = code
         self.spacings = np.array([(a[-1] - a[0]) / max(a.size - 1, 1) for a in self._lowered.axes] or [0.0])
         self._sums_of: SumsFactory = smooth_like._sums_of if smooth_like else sums_of or Accumulator
         self._smooth_like = smooth_like
@@ -486,9 +488,7 @@ class CompiledProblem:
             ]
             scores = np.array([c.weight * bound.dataset.weight for c in problem.criteria])
             sources.append(TrainingSource(whole, targets, scores))
-        return assemble_samples(
-            sources, self._lowered, self._split, self.kernel, problem.parameters, in_time=self.stateful
-        )
+        return self._assembly.samples(sources, problem.parameters, in_time=self.stateful)
 
     def _shared(self, other: "CompiledProblem") -> Samples:
         """Return the samples of another form of the problem if its data-only part is the same."""
