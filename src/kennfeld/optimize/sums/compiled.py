@@ -80,7 +80,7 @@ def smoothable(problem: Problem) -> bool:
 
 
 class _Code(NamedTuple):
-    """A lowered graph, its part that depends on free values, and the kernel and the assembly of samples of that part."""
+    """A lowered graph, its part that depends on free values, and the kernel and the samples of that part."""
 
     lowered: LoweredGraph
     split: GraphPartition
