@@ -123,7 +123,7 @@ class Problem:
         """The training data with a weight."""
         return [data for data in self.datasets if data.is_fitted]
 
-    @property
+    @cached_property
     def free_size(self) -> int:
         """Number of values of the free parameters, including locked ones."""
         return sum(self.parameters[name].size for name in self.free_names)
@@ -131,14 +131,19 @@ class Problem:
     @cached_property
     def free_axes(self) -> Mapping[AxisKey, FreeAxis]:
         """The axes whose breakpoints are fitted: those marked as free that a free parameter uses."""
-        axes = free_axes(self.parameters)
+        axes = self._movable_axes
         return {key: axis for key, axis in axes.items() if any(name in self.free_names for name, _ in axis.places)}
+
+    @cached_property
+    def _movable_axes(self) -> Mapping[AxisKey, FreeAxis]:
+        """The axes that are marked as free in any table, used or not."""
+        return free_axes(self.parameters)
 
     @property
     def idle_axes(self) -> list[AxisKey]:
         """Axes of the function's tables that are marked as free, but on which nothing is fitted."""
-        used, axes = self.model.graph.parameters, free_axes(self.parameters)
-        unfitted = {key: axis for key, axis in axes.items() if key not in self.free_axes}
+        used = self.model.graph.parameters
+        unfitted = {key: axis for key, axis in self._movable_axes.items() if key not in self.free_axes}
         return [key for key, axis in unfitted.items() if any(name in used for name, _ in axis.places)]
 
     @property
@@ -253,7 +258,7 @@ class Problem:
     @cached_property
     def structure(self) -> Structure | None:
         """All that the code of the graph depends on besides the model; None if more may count. See `Model.once`."""
-        parameters = structure_of(self.graph, self.parameters)
+        parameters = structure_of(self.graph, self.parameters, self._movable_axes)
         return parameters and (self._scored, *parameters)
 
     @cached_property

@@ -1,9 +1,9 @@
 """What code compiled for a problem depends on besides its function: fits of one model to other data share the code."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 from typing import Any
 
-from kennfeld.domain.free_axes import free_axes
+from kennfeld.domain.free_axes import AxisKey
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
 from kennfeld.domain.rbf import RBF
@@ -12,19 +12,23 @@ from kennfeld.graph import Graph
 Structure = tuple[Any, ...]  # of what `==` compares: numbers, texts, bytes, and tuples of these
 
 
-def structure_of(graph: Graph, parameters: ParameterSet) -> Structure | None:
+def structure_of(graph: Graph, parameters: ParameterSet, movable: Iterable[AxisKey]) -> Structure | None:
     """Return all that the code of a graph depends on in the parameters: their shapes and axes, but no values or bounds.
 
     None if the graph calls functions or networks, or looks up an expansion: their code may depend on more.
+
+    Args:
+        graph: the graph.
+        parameters: its tables, perhaps among others.
+        movable: the free axes of all of them; a group axis is free if it is so in any table.
     """
-    used: Mapping[str, int] = graph.parameters
+    used = graph.parameters
     if any(node.op in ("external", "dense") for node in graph.nodes) or not all(name in parameters for name in used):
         return None
     tables = [parameters[name] for name in used]
     if any(isinstance(table, RBF) for table in tables):
         return None
-    # a group axis is free if it is so in any table, also in one that the function does not use
-    return tuple(map(_structure_of_table, tables)), tuple(free_axes(parameters))
+    return tuple(map(_structure_of_table, tables)), tuple(movable)
 
 
 def _structure_of_table(table: Parameter) -> Structure:
