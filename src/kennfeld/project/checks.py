@@ -293,6 +293,7 @@ def find_warnings(file: ProjectFile, problem: Problem, locations: Mapping[str, L
         *_unscored_files(problem, locations),
         *_axes(file, problem),
         *_idle(file, problem),
+        *_locked(file, problem),
         *_names(file, problem),
         *_unread_class(file),
         *_unwritten_simulation(file, problem),
@@ -485,6 +486,16 @@ def _idle(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
         message = f"{name} affects no criterion with a weight{kept}"
         fixes = [Fix(f"Fix {name}", ((("parameters", name, "free"), False),))]
         yield file.location("calibration", "free"), message, "", fixes
+
+
+def _locked(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
+    """Yield that nothing can be fitted, if all values are locked, as tables of literals in a Simulink model are."""
+    names = problem.free_names
+    if names and not problem.free_axes and all(problem.parameters[name].locked.all() for name in names):
+        message = f"no value can be fitted: {join_names(names, MAX_NAMES)} {'is' if len(names) == 1 else 'are'} locked"
+        unlocked = next((name for name in names if name not in file.parameters), None)
+        remedy = "Remove lock." if unlocked is None else f"A section [parameters.{quoted(unlocked)}] unlocks a table."
+        yield file.location("calibration", "free"), message, remedy
 
 
 def _keeps_start(problem: Problem, name: str) -> bool:

@@ -25,8 +25,10 @@ from kennfeld.base.errors import ArgumentError, Finding
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.output_paths import plain_name
 from kennfeld.calfiles import Change, Difference, Tolerance, compare, endings, losses, merge, read_with_findings, write
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Parameter, Text
+from kennfeld.domain.parameters import Parameter
+from kennfeld.domain.texts import Text
 
 Item = Parameter | Text | Axis
 

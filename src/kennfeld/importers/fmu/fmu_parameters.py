@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from kennfeld.base.arrays import Float
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Parameter, ParameterAttributes, parameter
+from kennfeld.domain.parameters import Parameter, ParameterAttributes, parameter
 from kennfeld.importers.fmu.description import FmuVariable
 
 _ELEMENT = re.compile(r"(.+)\[(\d{1,6}(?:,\s*\d{1,6}){0,3})\]")

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Block, Parameter, Scalar, parameter
+from kennfeld.domain.parameters import Block, Parameter, Scalar, parameter
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.importers.simulink.variables.mask_scope import Variable, nested_field
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
@@ -86,6 +87,8 @@ class DeclaredParameters:
     def _candidate_names(self, parameter: Parameter) -> Iterator[str]:
         """Yield names for a parameter, preferred first: its own, unless the top model uses it for other values."""
         top = self._top_level_numbers(parameter.name)
+        if top is not None and top.size == 1:  # one number may stand for all values of a table
+            top = np.full(parameter.size, top.item())
         if top is None or np.array_equal(np.ravel(top), parameter.values.ravel(), equal_nan=True):
             yield parameter.name
         yield from (f"{parameter.name}_{number}" for number in count(2))
