@@ -1,9 +1,9 @@
 """What code compiled for a problem depends on besides its function: fits of one model to other data share the code."""
 
-from collections.abc import Iterable
+from collections.abc import Mapping
 from typing import Any
 
-from kennfeld.domain.free_axes import AxisKey
+from kennfeld.domain.free_axes import AxisKey, FreeAxis
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
 from kennfeld.domain.rbf import RBF
@@ -12,7 +12,7 @@ from kennfeld.graph import Graph
 Structure = tuple[Any, ...]  # of what `==` compares: numbers, texts, bytes, and tuples of these
 
 
-def structure_of(graph: Graph, parameters: ParameterSet, movable: Iterable[AxisKey]) -> Structure | None:
+def structure_of(graph: Graph, parameters: ParameterSet, movable: Mapping[AxisKey, FreeAxis]) -> Structure | None:
     """Return all that the code of a graph depends on in the parameters: their shapes and axes, but no values or bounds.
 
     None if the graph calls functions or networks, or looks up an expansion: their code may depend on more.
@@ -28,7 +28,7 @@ def structure_of(graph: Graph, parameters: ParameterSet, movable: Iterable[AxisK
     tables = [parameters[name] for name in used]
     if any(isinstance(table, RBF) for table in tables):
         return None
-    return tuple(map(_structure_of_table, tables)), tuple(movable)
+    return tuple(map(_structure_of_table, tables)), tuple((key, axis.places) for key, axis in movable.items())
 
 
 def _structure_of_table(table: Parameter) -> Structure:
