@@ -199,7 +199,8 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
         spare = {axis.name: axis for axis in self.axes if axis.name not in used}
         axes = (spare | {axis.name: axis for axis in new.axes}).values()
         others = {**self.everything, **new.everything}
-        for member in (*members.values(), *texts.values()):
+        chosen: tuple[Parameter | Text, ...] = (*members.values(), *texts.values())
+        for member in chosen:
             # everything else remains a further variant, the values selected before among it
             others.pop((member.name, member.variant), None)
         # a set without members takes over the file of the other one
