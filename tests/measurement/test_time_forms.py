@@ -292,7 +292,7 @@ def test_a_date_of_its_own_places_the_time_of_day(csv, rows, seconds):
     assert read(csv(text), ["rpm"]).time.tolist() == seconds
 
 
-def test_dates_that_fall_while_the_day_goes_on_are_no_part_of_the_time(csv):
+def test_dates_that_fall_while_the_day_goes_on_are_left_out_of_the_time(csv):
     data = read(csv("Date;Time;rpm\n03.02.2026;10:00:00;800\n02.02.2026;10:00:01;801\n01.02.2026;10:00:02;802\n"))
     assert data.time.tolist() == [0, 1, 2]
     (finding,) = data.findings

@@ -7,6 +7,7 @@ from typing import Literal
 
 from kennfeld.app.answer import finite, finite_list
 from kennfeld.app.folders import confined, writable
+from kennfeld.app.questions.existing_files import ExistingFile
 from kennfeld.app.questions.parameters import AxisPoints
 from kennfeld.app.session.calibration_source import (
     SourceName,
@@ -220,13 +221,6 @@ class WriteCommand:
     image: str = ""
     a2l: str = ""
     force: bool = False
-
-
-@dataclass(frozen=True)
-class ExistingFile:
-    """A file that would be replaced; nothing was written."""
-
-    exists: str
 
 
 @dataclass(frozen=True)

@@ -215,6 +215,7 @@ class EditedProject:
                 return self._function.of_text(self.settings, self.text_of(file))
         except InputError:
             return None
+        # code that may not run yet does not run for the names of its inputs either
         return None if self.undecided else self._function.imported(self.settings, self.text_revision)
 
     def read_trial(self, command: Command) -> Project:
@@ -250,6 +251,7 @@ class EditedProject:
 
     def _follow(self, before: SessionState) -> None:
         """Recompute after the state has changed."""
+        # other texts are another problem; other values are evaluated with the one that stands
         if before.texts != self.state.texts:
             self._assemble()
         elif not same_values(before.values, self.state.values):
@@ -291,6 +293,7 @@ class EditedProject:
         try:
             project = Project.read(self.path, self.unsaved_texts)
             self._read_files.note_matching(project.file)
+            # before code of the function runs, and before recordings at an address are read
             self._require_consent(project)
             project = self._recordings.provide(project)
             self.project, self._own_findings = project, (*self._read_again, *project.check())

@@ -95,6 +95,7 @@ class Session(SavedProject):
 
     def undo(self) -> str:
         """Take the last command back, or the last edit that waits for the end of a calibration; return its title."""
+        # these edits are the newest ones, though no entry of the history has them yet
         if self.waiting:
             self._renew()
             return self.waiting.pop().title
@@ -124,6 +125,7 @@ class Session(SavedProject):
             raise ArgumentError("a run is in progress; stop it first")
         view = self.require_evaluable()
         assert self.project is not None
+        # from what the user sees, with edits that are not saved
         problem = replace(view.model.problem, parameters=view.now.parameters)
         options = replace(self.project.options, workers=workers)
         if part is not None:
@@ -163,6 +165,7 @@ class Session(SavedProject):
         """Handle the reports of the running job, training and searches."""
         self.term_search.pump()
         self.design_work.pump()
+        # what was trained is a file of the project
         if self.training.pump():
             self.refresh()
         for end in self._runner.ended():
@@ -191,12 +194,14 @@ class Session(SavedProject):
         self.runs.append(run)
         if run.part:
             job.message += f" Only {run.part} was fitted."
+        # any other run can be resumed from them
         elif result.converged:
             self.checkpoints.remove()
         self._renew()
         free = view.model.problem.free_names
         tables = {name: result.parameters[name] for name in free if name in result.parameters}
         title = f"Run {run.number}: {run.part}" if run.part else f"Run {run.number}"
+        # a command as those of the user are, so that a run can be undone
         self.do(SetTables(title, self.values_of(result.parameters, tables)), tables=tables)
 
     def _apply_waiting(self) -> None:
@@ -204,6 +209,7 @@ class Session(SavedProject):
         waiting, self.waiting = self.waiting, []
         failed = []
         for edit in waiting:
+            # an edit of the project may have left a table with fewer values meanwhile
             try:
                 self.edit(edit)
             except (ArgumentError, InputError) as error:

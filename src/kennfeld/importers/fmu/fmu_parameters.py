@@ -63,6 +63,7 @@ def parameters_of(variables: Sequence[FmuVariable], prefix: str = "") -> FmuPara
     for variable, (name, index) in _named(variables):
         if index or not variable.shape:
             values.append(ParameterValue(prefix + name, tuple(map(float, index))))
+        # a table has at most four axes: elements of larger arrays are numbers of their own
         elif len(variable.shape) > _MOST_AXES:
             values += [ParameterValue(prefix + element, ()) for element in variable.elements]
         else:

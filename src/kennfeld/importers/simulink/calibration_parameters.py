@@ -45,6 +45,7 @@ class DeclaredParameters:
         if numbers.size == 1:
             scalar = Scalar(name, float(numbers.ravel()[0]), **_source_attributes(variable, ()))
             return np.full(shape, builder.lookup(self._declare(scalar, variable).name), dtype=np.int64)
+        # infinite limits and NaN as a mark are not values to calibrate
         if not np.all(np.isfinite(numbers)):
             return constants(builder, numbers)
         return self._block(builder, name, numbers, variable).reshape(shape)
@@ -70,6 +71,7 @@ class DeclaredParameters:
         """Return the axis, without its name if another axis of that name has other breakpoints."""
         if not axis.name:
             return axis
+        # a set of parameters refuses two axes of one name
         known = self._axes.setdefault(axis.name, axis)
         return known if np.array_equal(known.breakpoints, axis.breakpoints) else axis.changed(name="")
 

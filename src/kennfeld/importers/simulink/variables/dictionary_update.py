@@ -140,6 +140,7 @@ class _Update:
             if names:
                 message = f"has no entry {join_names(names)}, but {file} does, to which it refers"
                 self.findings.warning(self.location, message, f"Write into {file}, too.")
+        # a dictionary of another model would be copied unchanged
         if missing and len(missing) == count:
             message = "has none of the parameters"
             self.findings.error(self.location, message, "Check the names; literals are in the model.")
