@@ -1,4 +1,4 @@
-"""What code compiled for a problem depends on besides its function: fits of one model to other data share the code."""
+"""The structure of a problem, on which its code depends besides the function: fits to other data share the code."""
 
 from collections.abc import Mapping
 from typing import Any
