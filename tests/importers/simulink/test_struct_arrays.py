@@ -8,7 +8,7 @@ from kennfeld.base.errors import InputError
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Scalar
 from kennfeld.importers.simulink.importing import simulink
-from tests.importers.simulink.simulink_files import Model
+from tests.importers.simulink.simulink_files import Mask, Model
 from tests.importers.simulink.simulink_runs import run, slopes
 
 U = np.array([1.0, -2.0, 3.0])
@@ -70,6 +70,21 @@ def test_an_array_of_structs_of_a_mat_file_is_one_too(tmp_path):
     (tmp_path / "d.m").write_text("load d.mat\nk = q(2).gain * numel(q);")
     model = imported(gains("q(2).gain", "k"), tmp_path, tmp_path / "d.m")
     np.testing.assert_allclose(run(model, {"u": U})["y"], U * 3 * 6)
+
+
+def test_a_mask_passes_an_element_on(tmp_path):
+    model = Model(step="0.1", solver="FixedStepDiscrete")
+    model.inport("u")
+    inner = model.subsystem("Sub", mask=Mask({"s": "p(2)", "all": "p"}))
+    inner.inport("a")
+    inner.block("Gain", "G", Gain="s.gain + all(1).gain")
+    inner.outport("b")
+    inner.chain("a", "G", "b")
+    model.outport("y")
+    model.chain("u", "Sub", "y")
+    masked = imported(model, tmp_path)
+    assert set(masked.values) == {"p(2).gain", "p(1).gain"}
+    np.testing.assert_allclose(run(masked, {"u": U})["y"], 5 * U)
 
 
 @pytest.mark.parametrize(

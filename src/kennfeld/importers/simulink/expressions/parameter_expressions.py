@@ -113,6 +113,7 @@ class ParameterExpressions:
 
     def evaluate(self, text: str, scope: Scope, live: bool, names: Mapping[str, Nodes] | None = None) -> FieldValue:
         """Return the value of an expression; raises `EvaluationError`."""
+        # such values hold for this call only
         if names is not None or self._assumed:
             return self._evaluate_text(text, scope, live, names or {})
         key = (text, id(scope), live)
@@ -130,8 +131,10 @@ class ParameterExpressions:
             except EvaluationError:
                 raise
             except ProgramError as error:
+                # these names stand for signals, which have no numbers yet
                 if names:
                     raise EvaluationError(error.message) from None
+                # functions without a rule on nodes are computed from the present values, which are then fixed
                 return self._evaluate_frozen(text, tree, scope, live, error.message)
         except InputError as error:
             raise EvaluationError(str(error.findings[0])) from None
@@ -208,6 +211,7 @@ class ParameterExpressions:
 
     def _query_model(self, evaluate: Evaluate, arguments: Sequence[m.Expression]) -> str:
         holder, *keys = arguments
+        # bdroot of any block is the model
         if isinstance(holder, m.Call) and holder.of == m.Name("bdroot"):
             holder = holder.of
         model, key = evaluate(holder), evaluate(keys[0]) if len(keys) == 1 else ""
@@ -254,14 +258,14 @@ class ParameterExpressions:
         """Return the value of a name or of a path of fields; None if the name is undefined."""
         base, index = split_index(path[0])
         name, variable = ".".join(path), scope.find(base)
+        # a number that may be divided by and is a size: the evaluation is to reach the next undefined name
         if name in self._assumed or base in self._assumed:
             return s.constants(self.builder, np.ones((1, 1)))
+        # a struct that a mask passes on: its fields keep the names that they have outside, and are calibrated by these
         if isinstance(variable, MaskVariable) and len(path) > 1:
-            outside = element_path(parse_expression(variable.text))
-            if outside is None:
-                return None
-            last = f"{outside[-1]}({index})" if index else outside[-1]
-            return self._find([*outside[:-1], last, *path[1:]], variable.outside, live)
+            # that of the first field behind it, as the text may name an element of an array of structs
+            outside = element_path(m.Field(_indexed(parse_expression(variable.text), index), path[1]))
+            return self._find([*outside, *path[2:]], variable.outside, live) if outside is not None else None
         if isinstance(variable, Variable):
             if passes_array(variable.value, path):
                 return None
@@ -281,6 +285,7 @@ class ParameterExpressions:
 
     def _run_mask_code(self, variable: MaskCodeVariable) -> ParameterValue:
         """Return the value that mask code assigns to a name; its variables are frozen."""
+        # one run of the code serves all variables that it assigns
         key = variable.code, id(variable.outside)
         if key not in self._codes:
             from kennfeld.importers.simulink.variables.m_files import run_mask_code
@@ -293,6 +298,7 @@ class ParameterExpressions:
         return value
 
     def _known_number(self, name: str, scope: Scope) -> ParameterValue | None:
+        # code may read what is unknown here, and not need it for the variables that are asked for
         try:
             return self._variable_value(name, scope)
         except EvaluationError:
@@ -314,6 +320,11 @@ class ParameterExpressions:
         if isinstance(variable.value, np.ndarray) and live and not variable.fixed:
             return self.declared.array(self.builder, name, variable)
         return self.constant(variable.value)
+
+
+def _indexed(tree: m.Expression, index: int) -> m.Expression:
+    """Return the element of an index, counted from 1, of an expression; the expression for 0."""
+    return m.Call(tree, (m.Number(float(index)),)) if index else tree
 
 
 def _array_of(value: FieldValue, text: str) -> Nodes:
