@@ -189,9 +189,10 @@ class ParameterExpressions:
         if value is None or isinstance(value, np.ndarray | str):
             return value
         variable = scope.find(name)
-        if isinstance(variable, Variable) and isinstance(value, StructArray) and not variable.fixed:
+        is_fixed = isinstance(variable, Variable) and variable.fixed
+        if isinstance(value, StructArray) and isinstance(variable, Variable | MaskVariable) and not is_fixed:
             return self._struct_array(name, value, scope, live)
-        return _constant_value(self.builder, value, isinstance(variable, Variable) and variable.fixed)
+        return _constant_value(self.builder, value, is_fixed)
 
     def _struct_array(self, name: str, value: StructArray, scope: Scope, live: bool) -> MatlabStruct:
         """Return an array of structs for code, whose fields are looked up as parameters when they are used."""
@@ -199,7 +200,8 @@ class ParameterExpressions:
         def field(at: int, key: str) -> s.SymbolicValue:
             path = [f"{name}({at})", key]
             found = self._find(path, scope, live)
-            assert found is not None
+            if found is None:  # an expression of the mask, whose elements have no names
+                return _constant_value(self.builder, value[at - 1][key])
             if isinstance(found, StructArray):
                 return self._struct_array(".".join(path), found, scope, live)
             return found if isinstance(found, np.ndarray) else _constant_value(self.builder, found)
