@@ -42,7 +42,9 @@ def test_a_chirp_is_that_of_scipy(tmp_path):
 def test_a_generator_makes_sine_waves(units, factor, tmp_path):
     output = source("SignalGenerator", tmp_path, Amplitude="2", Frequency="0.7", Units=units)
     np.testing.assert_allclose(output, 2 * np.sin(0.7 * factor * TIME), atol=1e-12)
-    with pytest.raises(InputError, match=r"its wave form 'random' is not supported, only sine and square\. Bind it to"):
+    with pytest.raises(
+        InputError, match=r"its wave form 'random' is not supported, only sine, square and sawtooth\. Bind it to"
+    ):
         source("SignalGenerator", tmp_path, WaveForm="random")
 
 
@@ -213,10 +215,10 @@ def test_a_variable_step_hits_the_edges_of_pulses(width, step, tmp_path):
 
 
 @pytest.mark.parametrize("units", ["Hertz", "rad/sec"])
-def test_a_signal_generator_makes_sines_and_squares(units, tmp_path):
+def test_a_signal_generator_makes_sines_squares_and_sawteeth(units, tmp_path):
     drawn = Model(step="0.01", solver="FixedStepDiscrete")
     scale = 1.0 if units == "Hertz" else 2 * np.pi
-    for form in ("sine", "square"):
+    for form in ("sine", "square", "sawtooth"):
         drawn.block("SignalGenerator", form, ports=(0, 1), WaveForm=form, Amplitude="A", Frequency=str(3.1 * scale),
                     Units=units)  # fmt: skip
         drawn.outport(f"y {form}")
@@ -225,5 +227,6 @@ def test_a_signal_generator_makes_sines_and_squares(units, tmp_path):
     outputs, turns = run(model, samples=200), 3.1 * 0.01 * np.arange(200)
     np.testing.assert_allclose(outputs["y sine"], 2.5 * np.sin(2 * np.pi * turns), atol=1e-12)
     np.testing.assert_array_equal(outputs["y square"], np.where(turns % 1 >= 0.5, 2.5, -2.5))
+    np.testing.assert_allclose(outputs["y sawtooth"], 2.5 * (1 - 2 * (turns % 1)), atol=1e-12)
     exact, differences = slopes(model, {"t": 0.01 * np.arange(200)}, "A", "y square")
     np.testing.assert_allclose(exact, differences, atol=1e-8)

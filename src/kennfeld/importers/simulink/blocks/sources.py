@@ -104,18 +104,23 @@ def chirp(block: BlockContext) -> SignalOrBus:
 @block("SignalGenerator", output=ARITHMETIC, WaveForm="sine", Amplitude="1", Frequency="1", Units="Hertz",
        TimeSource="Use simulation time")  # fmt: skip
 def generator(block: BlockContext) -> SignalOrBus:
-    """Lower a sine, or a square wave that starts low; other wave forms are random or depend on rounding."""
+    """Lower a sine, a square wave that starts low, or a sawtooth that falls; another wave form is random."""
     written = block.field_text("WaveForm")
-    form = match_word(written, ("sine", "square"))
+    form = match_word(written, ("sine", "square", "sawtooth"))
     if form is None:
-        raise UnsupportedError(f"its wave form {written[:40]!r} is not supported, only sine and square", _BIND)
+        raise UnsupportedError(
+            f"its wave form {written[:40]!r} is not supported, only sine, square and sawtooth", _BIND
+        )
     t = block.time if block.is_set_to("TimeSource", "Use simulation time") else block.input()
     amplitude, frequency = block.parameter("Amplitude"), block.parameter("Frequency")
     in_hertz = block.option("Units", "Hertz", "rad/sec") == "Hertz"
     if form == "sine":
         return amplitude * apply("sin", (frequency * (2 * np.pi) if in_hertz else frequency) * t)
     turns = (frequency if in_hertz else frequency / (2 * np.pi)) * t
-    return select(turns - apply("floor", turns) >= 0.5, amplitude, -amplitude)
+    part = turns - apply("floor", turns)
+    if form == "sawtooth":
+        return (1.0 - part * 2.0) * amplitude  # as generated code has it
+    return select(part >= 0.5, amplitude, -amplitude)
 
 
 @block("DiscretePulseGenerator", output=ARITHMETIC, PulseType="Sample based", TimeSource="Use simulation time",
