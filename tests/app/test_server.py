@@ -20,7 +20,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from kennfeld.app.answer import Answer
 from kennfeld.app.server.server import packed
 from kennfeld.project.demo import write
-from tests.app.serving import Served, served
+from tests.app.serving import Page, Served, served
 
 
 @pytest.fixture(scope="module")
@@ -213,6 +213,56 @@ def test_a_run_may_report_after_the_server_has_ended() -> None:
     server = Server(AppWorkspace())
     server._executor.shutdown()
     server._pump_from_thread("")
+
+
+def test_a_page_that_comes_while_its_project_is_read_is_told_so(torque: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    told = torque.parent / "told"
+    prelude = (
+        "import time; from kennfeld.app.workspace import AppWorkspace\n"
+        "def read(self, path, own=AppWorkspace.open, time=time):\n"
+        f"    self.say('Reading'); file = type(path)({str(told)!r})\n"
+        "    while not file.exists(): time.sleep(0.01)\n"
+        "    return own(self, path)\n"
+        "AppWorkspace.open = read"
+    )
+    receive = Page.receive
+
+    def receive_and_go_on(self: Page) -> Any:
+        frame = receive(self)
+        if self.told == ["Reading"]:
+            told.touch()
+        return frame
+
+    monkeypatch.setattr(Page, "receive", receive_and_go_on)
+    with served(torque, prelude=prelude) as server:
+        assert server.request("GET", "/static/app.js", {"Cookie": server.cookie})[0] == 200
+        with server.page() as page:
+            assert page.told[0] == "Reading"
+            assert page.state["project"]["path"] == str(torque)
+
+
+def test_a_project_that_cannot_be_opened_ends_the_server(tmp_path: Path) -> None:
+    from kennfeld.app.server.server import serve
+    from kennfeld.app.workspace import AppWorkspace
+    from kennfeld.base.errors import InputError
+
+    with pytest.raises(InputError, match="the project file does not exist"):
+        serve(AppWorkspace(), 0, lambda _: None, tmp_path / "kennfeld.toml")
+
+
+@pytest.mark.parametrize(("content", "message"), [(None, "does not exist"), (b"\xff", "is not text in UTF-8")])
+def test_what_is_not_a_project_is_refused_before_the_browser_starts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes | None, message: str
+) -> None:
+    from kennfeld.app import launch
+    from kennfeld.base.errors import InputError
+
+    monkeypatch.setattr(launch, "serve", lambda *_: pytest.fail("served"))
+    path = tmp_path / "kennfeld.toml"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputError, match=message):
+        launch.launch(path, browser=False)
 
 
 @pytest.mark.slow

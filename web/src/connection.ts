@@ -136,8 +136,25 @@ export function setReady(): void {
   busy();
 }
 
+const isBusy = (): boolean => !ready || waiting.size > 0;
+let later: (() => void) | null = null;
+
 function busy(): void {
-  document.documentElement.dataset.state = ready && waiting.size === 0 ? "ready" : "busy";
+  document.documentElement.dataset.state = isBusy() ? "busy" : "ready";
+  if (!isBusy() && later !== null) requestIdleCallback(doLater);
+}
+
+function doLater(): void {
+  if (isBusy() || later === null) return; // an answer led to the next question, whose answer comes here again
+  const work = later;
+  later = null;
+  work();
+}
+
+/** Do something once the first screen is drawn and nothing is asked any more. */
+export function whenIdle(work: () => void): void {
+  later = work;
+  busy();
 }
 
 /** Return a function that sends at most one question at a time; of those that wait only the newest is sent. */

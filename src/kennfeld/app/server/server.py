@@ -55,10 +55,24 @@ class PageQuestion:
 
 
 class Server:
-    """Serves a workspace to any number of pages; those of one project show the same state."""
+    """Serves a workspace to any number of pages; those of one project show the same state.
 
-    def __init__(self, workspace: AppWorkspace, key: str = "") -> None:
+    Args:
+        workspace: what is served.
+        key: of the pages that know the server.
+        first: a project that is opened while the browser starts; pages wait for it, and see what is read.
+        failed: called if it cannot be opened.
+    """
+
+    def __init__(
+        self,
+        workspace: AppWorkspace,
+        key: str = "",
+        first: Path | None = None,
+        failed: Callable[[BaseException], object] = lambda _: None,
+    ) -> None:
         self.workspace, self.nonce, self._key = workspace, new_token(), key
+        self._first, self._failed = first, failed
         self._pages: set[OpenPage] = set()
         self._executor = ThreadPoolExecutor(1, thread_name_prefix="session")  # the session is used by one thread
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -70,9 +84,12 @@ class Server:
         async def lifespan(_: Starlette) -> Any:
             self._loop = asyncio.get_running_loop()
             self.workspace.subscribe(self._push_from_thread, self._pump_from_thread)
+            if self._first is not None:
+                self._executor.submit(self._open_first, self._first)
             watch = asyncio.create_task(self._watch())
             yield
             watch.cancel()
+            self.workspace.stop_activity()  # else the end waits for what is read
             self._executor.shutdown(wait=False, cancel_futures=True)
 
         return Starlette(
@@ -88,6 +105,12 @@ class Server:
             exception_handlers={KennfeldError: _refusal},
             lifespan=lifespan,
         )
+
+    def _open_first(self, path: Path) -> None:
+        try:
+            self.workspace.open_first(path)
+        except BaseException as error:
+            self._failed(error)
 
     async def _watch(self) -> None:
         """Tell the pages when another program changes the project file."""
@@ -109,6 +132,8 @@ class Server:
         sender = asyncio.create_task(page.send_all())
         try:
             self._pages.add(page)  # it is told what takes a while until it has a project
+            if (activity := self.workspace.activity) is not None:
+                page.put(activity, "activity")
             page.project = await self._in_session(lambda: self.workspace.join(asked))
             page.put(await self._snapshot(page.project), "state")
             while True:
@@ -295,8 +320,12 @@ def serve(
         workspace: what is served.
         port: 0 takes that of the last server of the project if it is free, else any free one.
         ready: called with the address to open once the server accepts connections.
-        project: the project that the server was started with.
+        project: opened while the browser starts.
         ticket: a token that opens one page, in place of that of the address.
+
+    Raises:
+        InputError: the project cannot be opened.
+        OSError: the port cannot be used.
     """
     known = known_server(project)
     listener = _listener(port or (known.port if known else 0), fallback=not port)
@@ -305,7 +334,13 @@ def serve(
     # a key belongs to a port, at which the pages that know it look for the server
     token, key = new_token(), known.key if known is not None and known.port == port else new_token()
     remember_server(project, KnownServer(port, key))
-    own = Server(workspace, key)
+    errors: list[BaseException] = []
+
+    def failed(error: BaseException) -> None:
+        errors.append(error)
+        server.should_exit = True
+
+    own = Server(workspace, key, project, failed)
     guarded = RequestGuard(own.application(), port, token, own.nonce, Handshake(port, key), ticket=ticket)
     config = uvicorn.Config(
         guarded, log_level="error", ws="websockets-sansio", ws_max_size=MAX_MESSAGE, lifespan="on", server_header=False
@@ -318,6 +353,8 @@ def serve(
         announce.cancel()
 
     asyncio.run(run())
+    if errors:
+        raise errors[0]
 
 
 def _listener(port: int, *, fallback: bool) -> socket.socket:
