@@ -1,5 +1,6 @@
 """The server: who may talk to it, what it survives, and several pages on one project."""
 
+import asyncio
 import io
 import json
 import os
@@ -15,10 +16,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from starlette.websockets import WebSocketDisconnect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from kennfeld.app.answer import Answer
-from kennfeld.app.server.server import packed
+from kennfeld.app.server.server import OpenPage, packed
 from kennfeld.project.demo import write
 from tests.app.serving import Page, Served, served
 
@@ -293,3 +295,23 @@ def test_an_answer_that_cannot_be_sent_is_an_error_that_can(head: dict[str, Any]
     assert said["id"] == 7
     assert said["error"].startswith("The answer cannot be sent: ")
     assert said["arrays"] == []
+
+
+def test_the_state_after_a_command_precedes_its_answer_and_only_the_newest_one_waits() -> None:
+    sent: list[tuple[object, object]] = []
+
+    class Socket:
+        async def send_bytes(self, data: bytes) -> None:
+            head = json.loads(data[4 : 4 + struct.unpack_from("<I", data)[0]])
+            sent.append((head.get("push", "answer"), head["number"]))
+            if len(sent) == 5:
+                raise WebSocketDisconnect
+
+        async def close(self) -> None:
+            """Close nothing."""
+
+    page = OpenPage(Socket())  # type: ignore[arg-type]
+    for number, topic in enumerate(["", "state", "state", "", "state", "activity", "state"]):
+        page.put(Answer({"number": number}), topic)
+    asyncio.run(page.send_all())
+    assert sent == [("answer", 0), ("state", 2), ("answer", 3), ("activity", 5), ("state", 6)]

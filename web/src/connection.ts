@@ -157,8 +157,9 @@ export function whenIdle(work: () => void): void {
   busy();
 }
 
-/** Return a function that sends at most one question at a time; of those that wait only the newest is sent. */
-export function newest<T>(send: (value: T) => Promise<unknown>): (value: T) => void {
+/** Return a function that sends at most one question at a time; of those that wait only the newest is sent. `flush`
+ * sends the one that waits without waiting for the answer to the one before. */
+export function newest<T>(send: (value: T) => Promise<unknown>): ((value: T) => void) & { flush: () => void } {
   let running = false;
   let next: { value: T } | null = null;
   onRenewal(() => {
@@ -177,8 +178,15 @@ export function newest<T>(send: (value: T) => Promise<unknown>): (value: T) => v
       }
     }
   };
-  return (value) => {
+  const put = (value: T): void => {
     if (running) next = { value };
     else void go(value);
   };
+  const flush = (): void => {
+    const value = next?.value;
+    if (next === null) return;
+    next = null;
+    void send(value as T);
+  };
+  return Object.assign(put, { flush });
 }

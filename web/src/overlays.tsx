@@ -40,8 +40,9 @@ function Palette() {
   const found = useComputed(() => rank(searchable(), text.value.toLowerCase().split(/\s+/).filter(Boolean)));
   // keys may come faster than the list is drawn: what runs belongs to the text as it is, not to the list as it was
   const run = (index: number) => {
+    const command = found.value[index];
     overlay.value = "";
-    found.value[index]?.run();
+    queueMicrotask(() => command?.run()); // once the dialog is closed: a command may put the cursor into a field
   };
   const key = (event: KeyboardEvent) => {
     if (event.key === "ArrowDown") chosen.value = Math.min(found.value.length - 1, chosen.value + 1);

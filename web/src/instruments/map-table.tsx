@@ -2,7 +2,7 @@
 
 import { signal, useSignal } from "@preact/signals";
 import { Component } from "preact";
-import { useEffect, useRef } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { copyAs } from "../copying";
 import { extent } from "../drawing/canvas";
 import { cellColours } from "../drawing/colours";
@@ -98,7 +98,7 @@ export function MapTable({ own }: { own: EditedTable }) {
     }
   };
 
-  useEffect(() => copyAs(body.current!, () => exactRows(own)), [own]);
+  useLayoutEffect(() => copyAs(body.current!, () => exactRows(own)), [own]);
 
   const apply = (edit: Edit) => applyEdit(own, edit);
 

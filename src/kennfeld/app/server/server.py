@@ -267,7 +267,9 @@ def packed(answer: Answer) -> bytes:
 
 
 class OpenPage:
-    """One page: what is to be sent to it. Of each topic only the newest message waits.
+    """One page: what is to be sent to it, in order. Of each topic only the newest message waits.
+
+    The state after a command precedes the answer to it: when that comes, the page shows what the command did.
 
     Attributes:
         project: id of the project that it shows; empty if none.
@@ -276,32 +278,36 @@ class OpenPage:
     def __init__(self, websocket: WebSocket) -> None:
         self.project = ""
         self._websocket = websocket
-        self._answers: list[Answer] = []
-        self._topics: dict[str, Answer] = {}
+        self._waiting: list[tuple[str, Answer]] = []  # with its topic, which answers lack
         self._ready = asyncio.Event()
 
     def put(self, answer: Answer, topic: str = "") -> None:
         if topic:
-            self._topics[topic] = Answer({"push": topic, **answer.head}, answer.arrays)
-        else:
-            self._answers.append(answer)
+            answer = Answer({"push": topic, **answer.head}, answer.arrays)
+            self._drop_older(topic)
+        self._waiting.append((topic, answer))
         self._ready.set()
+
+    def _drop_older(self, topic: str) -> None:
+        """Drop the message of a topic that waits, unless an answer waits behind it, which it is to precede."""
+        for index in range(len(self._waiting) - 1, -1, -1):
+            if self._waiting[index][0] in ("", topic):
+                if self._waiting[index][0]:
+                    del self._waiting[index]
+                return
 
     def show(self, project: str, state: Answer) -> None:
         """Show another project: its state precedes the answer to the question that opened it."""
         self.project = project
-        self._topics.pop("state", None)
-        self.put(Answer({"push": "state", **state.head}, state.arrays))
+        self.put(state, "state")
 
     async def send_all(self) -> None:
         """Send what waits, for as long as the page is open."""
         while True:
             await self._ready.wait()
             self._ready.clear()
-            waiting, self._answers = self._answers, []
-            waiting += self._topics.values()
-            self._topics = {}
-            for answer in waiting:
+            waiting, self._waiting = self._waiting, []
+            for _, answer in waiting:
                 data = packed(answer)
                 try:
                     await asyncio.wait_for(self._websocket.send_bytes(data), SLOW_CLIENT)
