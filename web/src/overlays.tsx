@@ -7,6 +7,7 @@ import { COMMANDS, type Command, overlay, searchable } from "./commands";
 import { CopyMenu } from "./copy-menu";
 import { Dialog } from "./dialog";
 import { ErrorList } from "./errors";
+import { HoverTip } from "./hover-tip";
 import { Icon } from "./icons";
 import { Fixes } from "./instruments/finding";
 import { AddProposals } from "./instruments/proposals";
@@ -21,6 +22,7 @@ export function Overlays() {
     <>
       <Notices />
       <CopyMenu />
+      <HoverTip />
       <Conflicts />
       <Leaving />
       {overlay.value === "palette" && <Palette />}

@@ -315,7 +315,8 @@ function cellClass(
     .join(" ");
 }
 
-function cellTitle(own: EditedTable, at: number): string {
+/** What is known of a value, line by line. */
+export function cellTitle(own: EditedTable, at: number): string {
   const deviation = own.deviation?.[at];
   return [
     `${significant(own.values[at]!, 6)} ${own.unit}`,
