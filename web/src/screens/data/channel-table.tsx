@@ -105,7 +105,9 @@ export function ChannelTable() {
               <th class="num">greatest</th>
               <th class="lines">
                 <span class="heads">
-                  {files.length > MAX_HEADS ? (
+                  {files.length === 0 ? (
+                    <span>in each file</span>
+                  ) : files.length > MAX_HEADS ? (
                     <span>{counted(files.length, "file")}, one after the other</span>
                   ) : (
                     files.map((each) => (

@@ -24,6 +24,7 @@ import type { FileRow } from "../../replies";
 import { screen } from "../../store";
 
 const LEFT = 60;
+const RIGHT = 16; // half of the last number of an axis
 const HEAD = 18; // of the names of the files
 
 export function Preview() {
@@ -76,7 +77,7 @@ function drawPreview(pen: Pen, width: number, height: number): Read | undefined 
   const error = files.map((_, k) => errorLines.value?.[String(k)] ?? new Float32Array());
   const reach = errors.value?.reach || 1;
   const middle = HEAD + (height - HEAD - 34) * 0.62;
-  const each = (width - LEFT - 10) / files.length;
+  const each = (width - LEFT - RIGHT) / files.length;
   const ranges: [Range, Range] = [widened(extent(...channel), 0.06), [-reach * 1.1, reach * 1.1]];
   const gaps = preview.value?.signals[0]?.gaps ?? {};
   files.forEach((file, k) => {
