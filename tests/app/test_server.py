@@ -217,7 +217,9 @@ def test_a_run_may_report_after_the_server_has_ended() -> None:
     server._pump_from_thread("")
 
 
-def test_a_page_that_comes_while_its_project_is_read_is_told_so(torque: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_page_that_comes_while_its_project_is_read_is_told_of_the_reading(
+    torque: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     told = torque.parent / "told"
     prelude = (
         "import time; from kennfeld.app.workspace import AppWorkspace\n"

@@ -140,7 +140,7 @@ class AppWorkspace:
 
     @property
     def activity(self) -> Answer | None:
-        """What takes a while now, for a page that has come since it was told; None if nothing does.
+        """The present activity, for a page that has come since it was told; None if there is none.
 
         May be read from any thread.
         """
