@@ -217,7 +217,7 @@ def test_a_run_may_report_after_the_server_has_ended() -> None:
     server._pump_from_thread("")
 
 
-def test_a_page_that_comes_while_its_project_is_read_is_told_of_the_reading(
+def test_a_page_opened_during_the_reading_of_its_project_shows_the_activity(
     torque: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told = torque.parent / "told"
