@@ -70,7 +70,7 @@ class Page:
 
     def __init__(self, socket: ClientConnection) -> None:
         self.socket, self.state, self._count = socket, {}, 0
-        self.told: list[str] = []  # what took a while
+        self.activities: list[str] = []  # what took a while
         while self.receive()[0].get("push") != "state":
             pass  # what takes a while is told before
 
@@ -86,7 +86,7 @@ class Page:
         if head.get("push") == "state":
             self.state = head["state"]
         if head.get("push") == "activity":
-            self.told.append(head["text"])
+            self.activities.append(head["text"])
         return head, arrays
 
     def ask(self, question: str, **arguments: Any) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

@@ -220,11 +220,11 @@ def test_a_run_may_report_after_the_server_has_ended() -> None:
 def test_a_page_opened_during_the_reading_of_its_project_shows_the_activity(
     torque: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told = torque.parent / "told"
+    seen = torque.parent / "seen"
     prelude = (
         "import time; from kennfeld.app.workspace import AppWorkspace\n"
         "def read(self, path, own=AppWorkspace.open, time=time):\n"
-        f"    self.say('Reading'); file = type(path)({str(told)!r})\n"
+        f"    self.say('Reading'); file = type(path)({str(seen)!r})\n"
         "    while not file.exists(): time.sleep(0.01)\n"
         "    return own(self, path)\n"
         "AppWorkspace.open = read"
@@ -233,15 +233,15 @@ def test_a_page_opened_during_the_reading_of_its_project_shows_the_activity(
 
     def receive_and_go_on(self: Page) -> Any:
         frame = receive(self)
-        if self.told == ["Reading"]:
-            told.touch()
+        if self.activities == ["Reading"]:
+            seen.touch()
         return frame
 
     monkeypatch.setattr(Page, "receive", receive_and_go_on)
     with served(torque, prelude=prelude) as server:
         assert server.request("GET", "/static/app.js", {"Cookie": server.cookie})[0] == 200
         with server.page() as page:
-            assert page.told[0] == "Reading"
+            assert page.activities[0] == "Reading"
             assert page.state["project"]["path"] == str(torque)
 
 
