@@ -849,8 +849,10 @@ export interface RecordingFile {
   size?: number;
   /** Number of samples of the longest table. */
   samples?: number;
-  /** Between samples in s. */
+  /** Between samples in s; of several groups of channels, the shortest. */
   step?: number | null;
+  /** Of channels with time stamps, if there are several. */
+  groups: ChannelGroup[];
   /** Duration in s. */
   length?: number | null;
   /** Share of missing values in the channel that has most of them. */
@@ -870,6 +872,12 @@ export interface ChannelRow {
   unit: string;
   least: number | null;
   greatest: number | null;
+}
+
+/** A group of channels with time stamps of its own; `step` is the usual time between them in s. */
+export interface ChannelGroup {
+  name: string;
+  step: number;
 }
 
 /** An input of the function, or the target of the criterion `number`, with its channel. */
@@ -2466,7 +2474,7 @@ export interface NewProject {
   free?: boolean;
 }
 
-/** The state, as all pages are told after every change. */
+/** The state, as sent to all pages after every change. */
 export interface StateNews {
   state: AppState | NoProject;
 }

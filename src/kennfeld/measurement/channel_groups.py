@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from kennfeld.base.arrays import Bool, Float
-from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.errors import Finding, Fix, InputError, Location
 from kennfeld.base.formatting import join_names, nearest, one_line
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.dataset import Channel, Clock, Dataset, common_start_time
@@ -23,6 +23,7 @@ from kennfeld.measurement.table_conversion import assemble, check_columns, reado
 from kennfeld.measurement.time_column import SAME_INSTANT, clock_of, start_time_of, time_in_seconds
 from kennfeld.measurement.unit_text import is_clock
 
+RASTER = "raster"  # the key of a fix, of the dataset that has the file
 _SHIFT = 1e-3  # of a recording, by which equal times may drift apart by rounding
 
 
@@ -59,9 +60,10 @@ def join_groups(
         stamps.size == group.stamps.size and np.all(np.abs(stamps - group.stamps) < SAME_INSTANT) for group in groups
     ):
         message = f"the channels have different rasters: {_describe_rasters(groups)}"
-        finest = min(group.step for group in groups)
-        step = finest if np.isfinite(finest) else 0.1
-        raise InputError.of(location, message, f"Give a raster in s, such as raster = {step:.3g}.")
+        steps = sorted({float(f"{group.step:.3g}") for group in groups if np.isfinite(group.step)}) or [0.1]
+        remedy = f"Give a raster in s, such as raster = {steps[0]:.3g}."
+        fixes = tuple(Fix.set((RASTER,), step) for step in dict.fromkeys((steps[0], steps[-1])))
+        raise InputError([Finding(location, message, remedy, fixes=fixes)])
     channels: list[Channel] = []
     for group in groups:
         values = group.values

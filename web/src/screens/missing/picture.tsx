@@ -4,7 +4,9 @@ import { area, type Box, extent, line, type Pen, widened } from "../../drawing/c
 import { css, diverging, token } from "../../drawing/colours";
 import { drawCells } from "../../drawing/grid";
 import { band, dots, rules } from "../../drawing/marks";
-import { plain, significant, withUnit } from "../../drawing/numbers";
+import { counted, plain, significant, unitText, withUnit } from "../../drawing/numbers";
+import { lastUpTo } from "../../drawing/strips";
+import { nearestTo, type Read } from "../../hover-tip";
 import { Picture } from "../../instruments/picture";
 import { otherPlace, proposal, shownTerm } from "../../missing";
 import type { Questions, ShownTerm } from "../../replies";
@@ -75,7 +77,7 @@ function drawTable(
   { edges, before, after, x, error }: Arrays,
   kind: string,
   node: string,
-): void {
+): Read | undefined {
   const range = widened(extent(head.points, edges.length ? [edges[0]!, edges.at(-1)!] : []), 0.01);
   const [left, right, counts] = [54, width - 14, 26];
   const middle = Math.max(90, Math.round((height - counts - 40) * 0.56));
@@ -90,6 +92,22 @@ function drawTable(
     edges,
   });
   drawCounts(pen, { left, right, top: height - counts - 32, bottom: height - 34 }, range, head, edges);
+  if (head.second) return undefined; // its cells have their numbers
+  return (x) => {
+    const at = range[0] + ((x - left) / (right - left)) * (range[1] - range[0]);
+    const k = nearestTo(head.points, at);
+    const bin = lastUpTo(edges, at);
+    if (k < 0 || x < left || x > right) return null;
+    const deviation = head.deviation[k] ? ` ± ${significant(head.deviation[k], 2)}` : "";
+    return [
+      `${kind === "multiply" ? "factor" : "added"} ${significant(head.now[k]!)}${deviation}`,
+      `${head.input} ${plain(head.points[k]!, 4)} ${unitText(head.inputUnit)}`.trim(),
+      ...(bin < before.length
+        ? [`mean error ${significant(before[bin]!, 3)} without, ${significant(after[bin]!, 3)} with it`]
+        : []),
+      ...(bin < head.counts.length ? [counted(head.counts[bin]!, "sample")] : []),
+    ];
+  };
 }
 
 /** Draw the values of a map as cells with their numbers: the first channel to the right, the second one upwards. */
