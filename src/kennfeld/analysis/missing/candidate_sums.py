@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.analysis.missing.families import Family, located, with_series
+from kennfeld.analysis.missing.families import Family, HatPlaces, with_series
 from kennfeld.analysis.missing.probes import is_probe
 from kennfeld.base.arrays import Float, Int
 from kennfeld.base.lazy_dataclass import dataclass
@@ -168,6 +168,7 @@ class _Samples:
     blocks: int
     block_of: NDArray[np.int32]
     numbers: Int  # of the sample at each visit
+    places: HatPlaces
     channels: dict[str, Float]  # by sample
     series: Float | None  # Float[factors, samples]
     probes: list[int]  # columns of the kernel
@@ -176,13 +177,13 @@ class _Samples:
     def of(
         cls, compiled: CompiledProblem, family: Family, full: Float, divisions: Divisions, blocks: int
     ) -> "_Samples":
-        names = dict.fromkeys(name for axis in family.axes for name in axis.channels)
-        channels = {name: _channel(compiled, name) for name in names}
+        places = HatPlaces(family.axes)
+        channels = {name: _channel(compiled, name) for name in places.channels}
         series = _series(compiled, family, full) if family.series else None
         probes = [compiled.values.offsets[name] for name in family.factors]
         numbers = compiled.sample_numbers()
         block_of = _block_numbers(compiled, divisions, blocks)
-        return cls(compiled, family, blocks, block_of, numbers, channels, series, probes)
+        return cls(compiled, family, blocks, block_of, numbers, places, channels, series, probes)
 
     def factors(self, space: Workspace, chunk: Chunk) -> Float:
         """Return the slopes of outputs, then of states, Float[samples, rows, factors]."""
@@ -201,9 +202,9 @@ class _Samples:
         return slopes
 
     def corners(self, chunk: Chunk) -> list[tuple[NDArray[np.int32], Float, Float]]:
-        """Return cells and shares as `located` does, and the weight of each sample; of maps for both rows of a cell."""
+        """Return cells and shares as `HatPlaces` does, and the weight of each sample; of maps for both rows of a cell."""
         family = self.family
-        cells, shares = located(family.axes, self.channels, self.numbers[chunk.first : chunk.last])
+        cells, shares = self.places.locate(self.channels, self.numbers[chunk.first : chunk.last])
         if not family.grid:
             return [(cells, shares, np.ones(chunk.length))]
         rows, width = (len(axis.points) for axis in family.axes)
