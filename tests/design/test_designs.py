@@ -390,12 +390,32 @@ def test_recordings_that_were_dropped_before_a_stop_stay_dropped():
     assert str(proposal.findings[0]) == "design: stopped: 1 of 3 recordings were chosen"
 
 
-def test_a_stopped_choice_of_points_says_so():
+@pytest.mark.parametrize("names", [(), ("*",)], ids=["use", "names"])
+def test_a_stopped_choice_of_points_has_those_so_far_and_says_so(names):
     fit = fitted(map_fit())
     columns = {name: np.random.default_rng(0).uniform(0, 1, 50) for name in ("n", "l")}
-    proposal, chosen = design_points(fit, columns, 5, fit.problem.datasets, stop=lambda: True)
-    assert chosen.size == 1
-    assert "stopped: 1 of 5 points were chosen" in str(proposal.findings[-1])
+    designs = []
+
+    def watch(design_so_far):
+        designs.append(design_so_far())
+        return len(designs) == 2
+
+    proposal, chosen = design_points(fit, columns, 5, fit.problem.datasets, names=names, watch=watch)
+    assert [own.size for _, own in designs] == [1, 2]
+    assert set(chosen) == set(designs[-1][1])
+    assert proposal.stopped == designs[-1][0].stopped == (2, 5)
+    assert "stopped: 2 of 5 points were chosen" in str(proposal.findings[-1])
+    np.testing.assert_array_equal(proposal.after["M"], designs[-1][0].after["M"])
+
+
+def test_a_choice_ends_after_max_seconds_with_what_was_chosen():
+    result = map_fit()
+    ranges = {"n": (0, 1), "l": (0, 1)}
+    with pytest.warns(kf.InputWarning, match="stopped: 1 of 6 points were chosen"):
+        proposal = design(result, n=6, ranges=ranges, max_seconds=1e-9)
+    assert len(proposal.points) == 1
+    with pytest.raises(kf.InputError, match="max_seconds"):
+        design(result, n=6, ranges=ranges, max_seconds=0)
 
 
 def test_recordings_of_one_name_get_numbers():

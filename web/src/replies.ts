@@ -1714,6 +1714,8 @@ export interface FoundDesign {
   tables: DesignTableRow[];
   formats: ("csv" | "xlsx" | "mf4" | "parquet" | "json")[];
   seconds: number;
+  /** How many were chosen, and how many would have been; empty for a choice that has ended. */
+  stopped: number[];
 }
 
 /** A piece of a recording to drive. */

@@ -19,7 +19,7 @@ class JointMoments(NamedTuple):
     1.0
     """
 
-    count: int = 0
+    samples: int = 0
     x: float = 0.0
     y: float = 0.0
     xx: float = 0.0
@@ -40,14 +40,14 @@ class JointMoments(NamedTuple):
 
     def joined(self, other: "JointMoments") -> "JointMoments":
         """Return the moments of the samples of both (Chan, Golub, LeVeque, COMPSTAT 1982)."""
-        count = self.count + other.count
-        if not count:
+        samples = self.samples + other.samples
+        if not samples:
             return self
-        share, dx, dy = other.count / count, other.x - self.x, other.y - self.y
-        own = self.count * share
+        share, dx, dy = other.samples / samples, other.x - self.x, other.y - self.y
+        own = self.samples * share
         xx, yy = self.xx + other.xx + own * dx * dx, self.yy + other.yy + own * dy * dy
         xy = self.xy + other.xy + own * dx * dy
-        return JointMoments(count, self.x + share * dx, self.y + share * dy, xx, yy, xy)
+        return JointMoments(samples, self.x + share * dx, self.y + share * dy, xx, yy, xy)
 
     @property
     def correlation(self) -> float:
