@@ -28,8 +28,8 @@ def run() -> list[Table]:
         outcome = apart("benchmarks.candidate_scores:measure", samples=samples, timed=timed)
         table.add(f"{samples}", "PT1" if timed else "without memory", *_cells(outcome))
     table.notes = [
-        "Choice of breakpoints for all channels, one linearisation, scores of curves at each node, added and multiplied, "
-        "then of products of two channels and of maps. With memory, lags and delays as well.",
+        "Breakpoints for all channels, one linearisation, scores of curves at each node, added and multiplied, then of "
+        "products of two channels and of maps. With memory, lags and delays as well.",
         f"Per core: CPU time over {threads(None)} cores. Memory is the peak above that before the scores, of the data "
         f"what the channels take. Load at the end {load()}.",
     ]
@@ -49,11 +49,15 @@ def _cells(outcome: Mapping[str, Any]) -> tuple[str, ...]:
 def data(samples: int, *, timed: bool) -> dict[str, Float]:
     """Return channels, and a target that lacks a curve and a product of two channels in the function."""
     random = np.random.default_rng(0)
-    columns = {name: random.random(samples) for name in ("x", "z", *(f"c{i}" for i in range(CHANNELS - 2)))}
+    columns: dict[str, Float] = {
+        name: random.random(samples) for name in ("x", "z", *(f"c{i}" for i in range(CHANNELS - 2)))
+    }
     known = np.sin(3 * columns["x"]) + columns["z"] ** 2 + 0.3 * np.sin(6 * columns["c0"]) * columns["x"]
     lacking = 0.1 * columns["c3"] ** 2 + 0.3 * (columns["c5"] - 0.5) * (columns["c6"] - 0.5)
     columns["m"] = known + lacking + 0.1 * random.standard_normal(samples)
-    return columns | ({"time": 0.1 * np.arange(samples)} if timed else {})
+    if timed:
+        columns["time"] = 0.1 * np.arange(samples)
+    return columns
 
 
 def measure(samples: int, timed: bool) -> dict[str, Any]:
@@ -62,6 +66,7 @@ def measure(samples: int, timed: bool) -> dict[str, Any]:
     from kennfeld.analysis.missing.map_scoring import score_maps
     from kennfeld.analysis.missing.probes import Nodes
     from kennfeld.analysis.missing.scoring import score_problem
+    from kennfeld.analysis.missing.terms import OF_CHANNELS, Form
     from kennfeld.optimize.problem.setup import ProblemSetup
 
     x, fine = np.linspace(0, 1, 20), np.linspace(0, 1, 100)
@@ -72,10 +77,10 @@ def measure(samples: int, timed: bool) -> dict[str, Any]:
     problem = ProblemSetup(text, columns, start, "m", smoothness=1e-2).problem()
     before, began = reset_peak(), time.process_time()
     channels, nodes = Channels.of(problem), Nodes.of(problem)
-    kinds = ("add", "multiply")
-    curves = score_problem(problem, channels, nodes, (*kinds, "lag", "delay") if timed else kinds)
+    in_time: tuple[Form, ...] = ("lag", "delay") if timed else ()
+    curves = score_problem(problem, channels, nodes, (*OF_CHANNELS, *in_time))
     between = time.process_time()
-    maps = score_maps(problem, channels, nodes, kinds, curves.scores)
+    maps = score_maps(problem, channels, nodes, OF_CHANNELS, curves.scores)
     ended = time.process_time()
     return {
         "curves": len(curves.scores),

@@ -104,7 +104,8 @@ def design(
         direction: number of the direction of `result.trust` that points should determine, from 1.
         progress: called after each accepted step of the fit.
         settings: keys of `[design]`, which override those of the project: ranges, where, forbidden, curves, envelope,
-            slew, wait, hard, method, model, centres, blocks, replicates, repeat, length, warmup, manoeuvres, max_seconds, seed.
+            slew, wait, hard, method, model, centres, blocks, replicates, repeat, length, warmup, manoeuvres,
+            max_seconds, seed.
 
     Returns:
         Points in the order of the bench, segments, or recordings to drop, with the deviation of each value before and

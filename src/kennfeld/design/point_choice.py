@@ -15,7 +15,6 @@ import numpy as np
 
 from kennfeld.base.arrays import Float
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.design.coverage import never
 
 ROUNDS = 2  # passes of exchanges, of which the first finds nearly all that is to be found
 LEAST_GAIN = 1e-9
@@ -61,7 +60,7 @@ class PointSearch:
         self._repeats = repeats
         self.before = np.einsum("ij,jk,ik->i", self._functions, self._inverse, self._functions)
 
-    def choose(self, count: int, rounds: int = ROUNDS, stop: Stop = never) -> PointChoice:
+    def choose(self, count: int, rounds: int = ROUNDS, stop: Stop = lambda choice: False) -> PointChoice:
         """Choose at most `count` points, and exchange them in `rounds` passes.
 
         `stop` is asked after each point and before each exchange; True ends the search with the choice it is given.

@@ -202,7 +202,7 @@ class _Samples:
         return slopes
 
     def corners(self, chunk: Chunk) -> list[tuple[NDArray[np.int32], Float, Float]]:
-        """Return cells and shares as `HatPlaces` does, and the weight of each sample; of maps for both rows of a cell."""
+        """Return cells and shares of hats, and the weight of each sample; of maps for both rows of a cell."""
         family = self.family
         cells, shares = self.places.locate(self.channels, self.numbers[chunk.first : chunk.last])
         if not family.grid:
