@@ -56,7 +56,7 @@ def data(samples: int, *, timed: bool) -> dict[str, Float]:
     lacking = 0.1 * columns["c3"] ** 2 + 0.3 * (columns["c5"] - 0.5) * (columns["c6"] - 0.5)
     columns["m"] = known + lacking + 0.1 * random.standard_normal(samples)
     if timed:
-        columns["time"] = 0.1 * np.arange(samples)
+        columns["time"] = np.asarray(0.1 * np.arange(samples), dtype=np.float64)
     return columns
 
 

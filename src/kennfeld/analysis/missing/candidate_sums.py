@@ -14,6 +14,7 @@ from kennfeld.analysis.missing.probes import is_probe
 from kennfeld.base.arrays import Float, Int
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.threads import blas_threads
+from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph import Graph
 from kennfeld.native.column_rows import ColumnRows
@@ -215,14 +216,22 @@ class _Samples:
 
 
 def _channel(compiled: CompiledProblem, name: str) -> Float:
-    """Return a channel at all samples, the last known value in its gaps, Float[samples]."""
-    values = np.concatenate([bound.channel(name) for bound in compiled.problem.gathered])
-    known = np.isfinite(values)
-    if known.all():
+    """Return a channel at all samples, the last known value of the recording in its gaps, Float[samples]."""
+    return np.concatenate([bound.at_kept(_without_gaps(bound.dataset, name)) for bound in compiled.problem.gathered])
+
+
+def _without_gaps(dataset: Dataset, name: str) -> Float:
+    """Return a channel with the last known value of each piece in its gaps, at its start the first one."""
+    values = dataset[name].values
+    if np.isfinite(values).all():
         return values
-    latest = np.maximum.accumulate(np.where(known, np.arange(values.size), -1))
-    filled: Float = values[np.maximum(latest, int(np.argmax(known)))]
-    return filled
+    values = values.copy()
+    for piece in dataset.pieces:
+        own = values[piece]
+        known = np.isfinite(own)
+        latest = np.maximum.accumulate(np.where(known, np.arange(own.size), -1))
+        values[piece] = own[np.maximum(latest, int(np.argmax(known)) if own.size else 0)]
+    return values
 
 
 def _series(compiled: CompiledProblem, family: Family, full: Float) -> Float:

@@ -69,6 +69,11 @@ class ChannelSurvey(NamedTuple):
     missing: int
     moments: dict[str, JointMoments]
 
+    @property
+    def missing_share(self) -> float:
+        """The share of the samples without a value; 1 without samples."""
+        return self.missing / self.samples if self.samples else 1.0
+
     def joined(self, other: "ChannelSurvey") -> "ChannelSurvey":
         """Return the survey of the samples of both."""
         moments = {name: own.joined(other.moments[name]) for name, own in self.moments.items()}

@@ -1,6 +1,7 @@
 """The channels of the data that may take part in terms, with their hat functions."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import field
 from fnmatch import fnmatchcase
 from functools import partial
 
@@ -34,10 +35,12 @@ class Channels:
     Attributes:
         axes: their hat functions.
         excluded: why others do not take part, by name.
+        gaps: share of the samples at which they are missing, by the name of the input, of those that have gaps.
     """
 
     axes: tuple[HatAxis, ...]
     excluded: dict[str, str]
+    gaps: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def of(cls, problem: Problem, patterns: Sequence[str] = ("*",), points: int = POINTS) -> "Channels":
@@ -67,7 +70,8 @@ class Channels:
                 excluded[name] = "it is constant"
             else:
                 axes.append(HatAxis(inputs.get(name, name), name, steps))
-        return cls(tuple(axes), {name: excluded[name] for name in asked if name in excluded})
+        gaps = {axis.name: share for axis in axes if (share := surveys[axis.channel].missing_share)}
+        return cls(tuple(axes), {name: excluded[name] for name in asked if name in excluded}, gaps)
 
 
 def _inputs(problem: Problem) -> dict[str, str]:
@@ -98,9 +102,8 @@ def _reason(problem: Problem, datasets: Sequence[Dataset], name: str) -> str:
 
 def _reason_of_values(problem: Problem, name: str, survey: ChannelSurvey) -> str:
     """Return why the values of a channel let it take no part; "" if it can."""
-    missing = survey.missing / survey.samples if survey.samples else 1.0
-    if missing > MAX_GAPS:
-        return f"{missing:.0%} of its samples are missing"
+    if survey.missing_share > MAX_GAPS:
+        return f"{survey.missing_share:.0%} of its samples are missing"
     if name in _inputs(problem).values():
         return ""
     for target, moments in survey.moments.items():

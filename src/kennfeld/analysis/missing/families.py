@@ -35,8 +35,12 @@ class HatAxis:
     points: tuple[float, ...]
 
     def positions(self, values: Float) -> Float:
-        """Return the number of the hat before each value plus the weight of the next one, Float[samples]."""
-        return np.interp(values, self.points, np.arange(len(self.points)))
+        """Return the number of the hat before each value plus the weight of the next one; of NaN, the middle."""
+        positions: Float = np.interp(values, self.points, np.arange(len(self.points)))
+        unknown = np.isnan(positions)
+        if unknown.any():
+            positions[unknown] = 0.5 * (len(self.points) - 1)
+        return positions
 
     @property
     def single(self) -> tuple["HatAxis", ...]:

@@ -69,5 +69,6 @@ class Beside(SearchRound):
         """Return if a proposal lowers the error on held-out parts of the function with the better ones."""
         if proposal.addition is None:
             return False
-        name, parts = hold_out(problem, self.judge.options, whole=proposal.term.kind != "offset")
+        known = proposal.addition if self.judge.reads_gaps(proposal.addition) else None
+        name, parts = hold_out(problem, self.judge.options, whole=proposal.term.kind != "offset", known=known)
         return not self.judge.fault(self.judge.held_out(name, parts, proposal.addition))

@@ -68,11 +68,12 @@ class MapSearch(SearchRound):
             if reason := self._fault_beside(addition, curves, extended):
                 rejected.append(f"{describe(own.best.term)}: {reason}")
                 continue
-            change = self.judge.held_out(*self.judge.parts(), addition)
-            if reason := self.judge.fault(change):
+            judge = self.judge.where_known(addition)
+            change = judge.held_out(*judge.parts(), addition)
+            if reason := judge.fault(change):
                 rejected.append(f"{describe(own.best.term)}: {reason}")
                 continue
-            better.append(self.judge.proposal(own, addition, change, maps.candidates, scored.weights))
+            better.append(judge.proposal(own, addition, change, maps.candidates, scored.weights))
         return better
 
     def _with_finer_curves(self, curves: Sequence[TermProposal], extended: Problem) -> tuple[Problem, bool]:
@@ -107,13 +108,14 @@ class MapSearch(SearchRound):
         for each in others:
             if each.addition is not None:
                 without = each.addition.to(without, without.parameters)
-        name, with_curves = hold_out(extended, self.judge.options)
-        _, parts = hold_out(without, self.judge.options) if others else self.judge.parts()
+        known = addition if self.judge.reads_gaps(addition) else None
+        name, with_curves = hold_out(extended, self.judge.options, known=known)
+        plain = self.judge.where_known(addition).parts()[1]
+        parts = hold_out(without, self.judge.options, known=known)[1] if others else plain
         # as if the function without these curves were as good as with them
         rivals = [replace(part, squares=curve.squares) for part, curve in zip(parts, with_curves, strict=True)]
         change = self.judge.held_out(name, rivals, addition)
         if reason := self.judge.fault(change, MARGIN):
             return f"beside better proposals, {reason}"
-        plain = [part.squares for part in self.judge.parts()[1]]
-        explained = pooled(plain, rivals) ** 2 - change.rmse.before**2
+        explained = pooled([part.squares for part in plain], rivals) ** 2 - change.rmse.before**2
         return LITTLE if change.rmse.explained**2 < SHARE * explained else ""
