@@ -1941,6 +1941,8 @@ export interface ShownTerm {
   now: number[];
   /** Standard deviation of each; null if nothing determines one. */
   deviation: (number | null)[];
+  /** Of the values and their deviations; empty for a factor. */
+  valueUnit: string;
   /** The value without effect. */
   neutral: number;
   /** False at an equal place, where the values are those without effect. */

@@ -165,12 +165,13 @@ class _Outcomes:
         """Return the design of some candidates; by default what all directions say of what it leaves open."""
         own = self.rows[[*chosen]]
         added = np.einsum("kov,kow->vw", own, own)
+        shares = self.fitted.noise_shares(self.kind.criteria)
         if unsettled is None:
             unsettled = describe_unsettled(self.fitted, added, f"These {self.kind.name} points")
         design = Design(
             before=deviations(self.fitted),
             noise=dict(self.fitted.trust.noise),
-            after=deviations(self.fitted, added),
+            after=deviations(self.fitted, (added, np.einsum("kov,kow,o->vw", own, own, shares))),
             unsettled=tuple(unsettled),
             sentences=tuple(sentences),
             findings=(*self.findings, *stopped_finding(len(chosen), self.wanted, "point")),

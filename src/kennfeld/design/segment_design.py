@@ -82,7 +82,8 @@ def design_segments(
         own = [*chosen]
         names, gains = ValueNames(fitted), cover.gains(own)
         picked = [segments[number] for number in own]
-        added = CandidateData(fitted, [each.cut(timed[each.dataset]) for each in picked]).curvature(fitted.values)
+        data = CandidateData(fitted, [each.cut(timed[each.dataset]) for each in picked])
+        added = data.curvature(fitted.values)
         return Design(
             segments=tuple(
                 ChosenSegment(each.file, each.begin, each.end, names.strongest(gain))
@@ -90,7 +91,7 @@ def design_segments(
             ),
             before=deviations(fitted),
             noise=dict(fitted.trust.noise),
-            after=deviations(fitted, added),
+            after=deviations(fitted, (added, data.scatter(fitted.values, added))),
             unsettled=tuple(describe_unsettled(fitted, added, "These segments")),
             findings=(*known, *stopped_finding(len(own), wanted, "segment")),
             stopped=(len(own), wanted) if len(own) < wanted else None,
@@ -161,7 +162,9 @@ def reduce_recordings(
     if keep is not None and not 1 <= keep <= len(files):
         message = f"must be 1 to {len(files)}, the number of recordings, got {keep}"
         raise InputError.of(Location("--keep"), message)
-    information = Information.of(fitted, recordings, owners(files, recordings), len(files), use, seed, alike=True)
+    information = Information.of(
+        fitted, recordings, owners(files, recordings), len(files), use, seed, alike=True, recorded=True
+    )
     # what all recordings tell is replaced by what is known without them
     alone = Information(
         np.repeat(fitted.prior[None], len(information.known), axis=0),
@@ -256,5 +259,6 @@ def _deviations_without(
     """Return the deviations once recordings are gone, by subtracting what they tell at the fit."""
     if not gone:
         return dict(deviations(fitted))
-    removed = CandidateData(fitted, [segment.cut(recordings[segment.dataset]) for segment in gone])
-    return dict(deviations(fitted, -removed.curvature(fitted.values)))
+    removed = CandidateData(fitted, [segment.cut(recordings[segment.dataset]) for segment in gone], recorded=True)
+    curvature = removed.curvature(fitted.values)
+    return dict(deviations(fitted, (-curvature, -removed.scatter(fitted.values, curvature))))

@@ -36,7 +36,7 @@ class MapSearch(SearchRound):
     ) -> list[TermProposal]:
         """Return maps that explain more on held-out data than the proposals of the first round.
 
-        They are scored beside these, with more breakpoints: what a curve explains is no reason for a map.
+        They are scored beside these, with more breakpoints: a map must explain what no curve does.
 
         Args:
             kinds: how maps are added to a node.
