@@ -14,7 +14,6 @@ from kennfeld.analysis.missing.shortlist import CandidateGroup, shortlist
 from kennfeld.analysis.missing.terms import Kind, describe
 from kennfeld.domain.parameters import Axis, Curve, Parameter
 from kennfeld.optimize.problem.problem import Problem
-from kennfeld.optimize.search.multistart import run
 
 LENGTH = 2  # maps that are fitted
 MARGIN = 1e-2  # of the held-out RMSE with the best curves, by which a map must lower it
@@ -81,8 +80,7 @@ class MapSearch(SearchRound):
 
         What a curve of few points leaves of its own bends, a map over a correlated channel would seem to explain.
         """
-        problem, start = self.judge.problem, extended.parameters
-        finer: list[Parameter] = []
+        start, additions, finer = extended.parameters, list[Addition](), list[Parameter]()
         for each in curves:
             assert each.addition is not None
             parameter = each.addition.parameter
@@ -90,14 +88,12 @@ class MapSearch(SearchRound):
                 x = np.array(each.term.breakpoints)
                 x = np.sort(np.concatenate([x, 0.5 * (x[1:] + x[:-1])]))
                 finer.append(Curve(parameter.name, Axis(x, each.term.channel), start[parameter.name](x)))
-                problem = replace(each.addition, parameter=finer[-1]).to(problem, problem.parameters)
+                additions.append(replace(each.addition, parameter=finer[-1]))
             else:
-                problem = each.addition.to(problem, problem.parameters)
+                additions.append(each.addition)
         if not finer:
             return extended, True
-        began = replace(problem, parameters=start.with_parameters(*finer))
-        result = run(began, self.judge.options)
-        return replace(began, parameters=result.parameters), result.converged
+        return self.fitted_with(self.judge.problem, additions, start.with_parameters(*finer))
 
     def _fault_beside(self, addition: Addition, curves: Sequence[TermProposal], extended: Problem) -> str:
         """Return why a map in place of the curves of its channels is no better than they are; "" if it is."""

@@ -28,7 +28,7 @@ from kennfeld.project import Project
 
 MOST_PLACES = 1500  # recorded samples that are drawn
 MOST_STEPS = 150  # of the way of a segment
-EVERY = 2.0  # s after which a design so far is told, which is what a stop leaves
+EVERY = 2.0  # s between the designs so far that are sent; a stop keeps the last one
 
 
 @dataclass(frozen=True, eq=False)

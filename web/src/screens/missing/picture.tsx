@@ -95,12 +95,12 @@ function drawTable(
 /** Draw the values of a map as cells with their numbers: the first channel to the right, the second one upwards. */
 function drawMap(pen: Pen, { left, right, top, bottom }: Box, head: ShownTerm, kind: string, node: string): void {
   const [nx, ny] = [head.points.length, head.secondPoints.length];
-  const box = { left: left + 12, right: right - 40, top: top + 18, bottom: bottom - 34 };
+  const box = { left: left + 12, right: right - 52, top: top + 18, bottom: bottom - 34 };
   const at = (i: number, j: number) => head.now[i * ny + j] ?? NaN;
   const reach = Math.max(...head.now.map((value) => Math.abs(value - head.neutral))) || 1;
   const paint = (value: number) => css(diverging((value - head.neutral) / reach));
   const cell = drawCells(pen, box, nx, ny, (i, j) => (Number.isFinite(at(i, j)) ? paint(at(i, j)) : null));
-  const bar = { left: right - 34, right: right - 26, top: box.top, bottom: box.bottom };
+  const bar = { left: right - 46, right: right - 38, top: box.top, bottom: box.bottom };
   drawScale(pen, bar, [head.neutral - reach, head.neutral + reach], paint);
   pen.textBaseline = "middle";
   for (let i = 0; i < nx; i++) {
