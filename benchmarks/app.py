@@ -264,7 +264,7 @@ def _zoom(page: Any) -> float:
 
 
 def _memory(process: int) -> float:
-    """Return the resident memory of a process in bytes, 0 where it cannot be told."""
+    """Return the resident memory of a process in bytes, 0 if it is unknown."""
     try:
         status = Path(f"/proc/{process}/status").read_text(encoding="utf-8")
     except OSError:

@@ -60,7 +60,7 @@ def run() -> list[Table]:
     table.notes = [
         f"{each} fits a kind, every second one with 1 % noise. Every start is the truth times 10^u, u uniform between "
         "-2 and 2 for each value.",
-        f"Solved: a cost within {NEAR:g} of that of the truth. False: said to have converged, not solved, and the "
+        f"Solved: a cost within {NEAR:g} of that of the truth. False: reported as converged but not solved, and the "
         f"gradient is not zero (a cosine above {STATIONARY:g} between the residuals and a column of the Jacobian), or "
         "the cost is above that of the mean and no warning says so.",
         f"At most {EVALUATIONS} evaluations or iterations a fit; the peers have the exact Jacobian and tolerances of "

@@ -67,7 +67,7 @@ def _evaluations(folder: Path) -> Table:
         "overhead is the part of it that is spent outside of tasks, relative to that within.",
         "Client is the peak memory of its process; a worker's is the peak beyond its memory after an evaluation "
         f"of {SMALL} points; mapped files count as long as they are mapped. A partition has {PARTITION} files.",
-        "Bits are the digest of gradient and Gauss-Newton matrix: equal if each bit of both is.",
+        "Bits: a digest of gradient and Gauss-Newton matrix; it is equal only if all their bits are.",
         f"Budget: client below 1 GB, a worker below 1.5 partitions. Load at the end {load()}; {os.cpu_count()} cores.",
     ]
     return table
@@ -213,7 +213,7 @@ def _generated() -> Table:
         )
     table.notes = [
         "One process; each partition is generated, prepared, evaluated (gradient and Gauss-Newton matrix) and dropped, "
-        "as a recording is whose prepared form the disk has no room for. Most of the time is generation and sorting."
+        "like a recording whose prepared form does not fit on the disk. Most of the time is generation and sorting."
     ]
     return table
 

@@ -51,8 +51,8 @@ def run() -> list[Table]:
         cells = (f"{reached} of {len(outcome['digits'])}", seconds(outcome["seconds"]), "1", outcome["costs"])
         table.add(name, *cells, join_names(short, 6))
     table.notes = [
-        "A problem counts where every parameter agrees with the certified one to 6 digits; beside those that do not "
-        "stand the start and the digits reached.",
+        "A problem counts if every parameter agrees with the certified one to 6 digits. The others are listed as "
+        "problem/start, with the digits reached.",
         "Final costs: from how many starts the certified sum of squares is met to 6 digits. Kennfeld compiles each "
         f"formula, which is in its time, and runs with max_iterations=2000, tolerance=1e-15. Load at the end {load()}.",
     ]

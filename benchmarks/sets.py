@@ -92,7 +92,7 @@ def _best(by_solver: dict[str, Ends]) -> dict[str, float]:
 
 
 def _stated(by_solver: dict[str, Ends]) -> dict[str, float]:
-    """The least cost that optimagic states, and the best found where it states none."""
+    """The least cost that optimagic states, and the best found if it states none."""
     best = _best(by_solver)
     ends = next(iter(by_solver.values()))
     return {name: best[name] if end["stated"] is None else end["stated"] for name, end in ends.items()}
@@ -126,14 +126,14 @@ def _notes(by_solver: dict[str, Ends], stated: dict[str, float], best: dict[str,
     behind = [name for name, end in ours.items() if not _reached(end["cost"], best[name])]
     return [
         f"Solved: a final cost within {NEAR:g} of the least cost that optimagic states (absolutely within {ZERO:g} "
-        "where that is smaller), and of the best any solver here found where it states none. Missed are problems that "
+        "if that is smaller), and of the best any solver here found if it states none. Missed are problems that "
         "another solver here solved.",
         "Of the best found: the same rule against the best any solver here found. It differs where nobody reaches what "
         f"is stated: {', '.join(nobody) or 'nowhere'}.",
         f"Kennfeld ends above the best found on: {', '.join(behind) or 'none'}.",
         "The same start, residual function and exact Jacobian (complex steps) for all, no bounds; every tolerance a "
         f"solver has (of the cost, the step, the gradient) is {TOLERANCE:g}; at most {CAP} calls of the residual "
-        "function, those at the values of the call before not counted. A solver that raises an error or runs out of "
+        "function, not counting repeated calls at the same values. A solver that raises an error or runs out of "
         "calls is credited with the best values it tried. semicon2 without bounds is semicn2u, "
         "brown_almost_linear_medium is brownale.",
         f"optimistix compiles each problem, which is in its time. Load at the end {load()}.",

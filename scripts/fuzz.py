@@ -360,7 +360,7 @@ class Campaign:
         return self.outcomes
 
     def _start(self, share: range, queue: object) -> "Running | None":
-        """A process for what is left of a share; what one that crashed had not told yet is read again."""
+        """A process for what is left of a share; what a crashed one had not reported yet is read again."""
         remaining = tuple(number for number in share if number not in self.done)
         if not remaining:
             return None

@@ -334,8 +334,8 @@ class TestBadInput:
         (folder / "torque.kf").write_text(inputs + text, encoding="utf-8")
         assert cli.run(["check", str(project)]) == 0
         out, err = capsys.readouterr()
-        told = [line for line in err.splitlines() if line.startswith("remark: ")]
-        assert any("channel Speed is converted from rpm to rad/s, the unit of the input Speed" in t for t in told)
+        remarks = [line for line in err.splitlines() if line.startswith("remark: ")]
+        assert any("channel Speed is converted from rpm to rad/s, the unit of the input Speed" in t for t in remarks)
         assert ("with warnings" in out) == any(line.startswith("warning: ") for line in err.splitlines())
 
     def test_every_problem_is_named_at_once(self, folder, project, capsys):

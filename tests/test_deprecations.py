@@ -30,8 +30,8 @@ def test_a_bound_of_what_is_no_parameter_is_an_error():
         fit(bounds=3.0)
 
 
-def told(work):
-    """Return the lines that a call with a function of lines has told."""
+def progress_lines(work):
+    """Return the lines that work passes to a function for its progress."""
     lines = []
     work(lines.append)
     return lines
@@ -40,19 +40,19 @@ def told(work):
 @pytest.mark.parametrize(
     "work",
     [
-        lambda **told: kf.propose("y = a + b * x", LINE, {"a": 0.0, "b": 0.0}, target="z", channels=(), **told),
-        lambda **told: kf.train_surrogate(
+        lambda **report: kf.propose("y = a + b * x", LINE, {"a": 0.0, "b": 0.0}, target="z", channels=(), **report),
+        lambda **report: kf.train_surrogate(
             [kf.Dataset.of("d", {"u": np.sin(X), "y": np.cos(X)}, time=X)],
             kf.SurrogateSettings("s", ("u",), "y", kind="dynamic", starts=1, longest_lag=2, free_run=False, centres=3),
-            **told,
+            **report,
         ),
     ],
     ids=["propose", "train_surrogate"],
 )
 def test_the_function_for_lines_on_the_progress_may_be_stated_as_report(work):
-    now = told(lambda progress: work(progress=progress))
+    now = progress_lines(lambda progress: work(progress=progress))
     with pytest.warns(DeprecationWarning, match="report is now called progress: write progress=") as issued:
-        assert told(lambda report: work(report=report)) == now
+        assert progress_lines(lambda report: work(report=report)) == now
     assert issued[0].filename == __file__
     assert now
 

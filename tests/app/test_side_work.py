@@ -1,4 +1,4 @@
-"""Work beside the session: it is followed, stopped at once, and what it has told is kept."""
+"""Work beside the session: it is followed, stopped at once, and what it has reported is kept."""
 
 import threading
 

@@ -14,7 +14,8 @@ from kennfeld.calfiles.amd.reader import read_amd
 from kennfeld.calfiles.amd.update import write_amd
 from kennfeld.calfiles.format import CalibrationSource
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Curve, Scalar, Text
+from kennfeld.domain.parameters import Curve, Scalar
+from kennfeld.domain.texts import Text
 from kennfeld.files.calibrations import AMD
 from kennfeld.files.identification import identify
 from tests.draws import few_or_many
@@ -79,7 +80,7 @@ def test_a_data_file_alone_is_read_with_a_warning(tmp_path):
     data.write_bytes(PLANT.files()["Engine/Plant.data.amd"])
     content = describe(data)
     assert "state" in [item.name for item in content.parameters]
-    assert "variables cannot be told from parameters" in str(content.findings[0])
+    assert "variables cannot be distinguished from parameters" in str(content.findings[0])
 
 
 def test_a_file_without_values_names_the_one_that_has_them(tmp_path):

@@ -40,9 +40,9 @@ def lag_fit(data):
 
 
 def product_fit(seed=0, count=200, free=("*",)):
-    """A curve times an efficiency less a drag, which nothing tells from a larger curve and a flatter efficiency.
+    """A curve times an efficiency less a drag, much like a larger curve and a flatter efficiency.
 
-    With a known efficiency, a larger curve and a larger drag are hardly to be told apart.
+    With a known efficiency, a larger curve and a larger drag can hardly be distinguished.
     """
     random = np.random.default_rng(seed)
     n, g = random.uniform(0, 1, count), random.uniform(0.4, 0.6, count)

@@ -239,7 +239,7 @@ def test_blocks_that_are_never_closed_are_reported():
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         ("function f\n x = 1;\n function g\n  x = 2;\n end\n g\nend\n", [("line 3, column 2", "f")]),
         ("function y = f(u)\ny = g(u);\nfunction z = g(a)\nz = a;\nend\nfunction w = h(a)\nw = a;\nend\nend\n",
@@ -247,12 +247,12 @@ def test_blocks_that_are_never_closed_are_reported():
         ("function f\nfunction g\nfunction h\nend\nend\nend\n", [("line 3, column 1", "g"), ("line 2, column 1", "f")]),
     ],
 )  # fmt: skip
-def test_nested_functions_are_reported_as_such(text, told):
+def test_nested_functions_are_reported_as_such(text, expected):
     with pytest.raises(MatlabError) as error:
         parse_script(text)
     findings = error.value.findings
     assert [(str(one.location), one.message.split(" is defined within ")[1]) for one in findings] == [
-        (place, f"the function {outer}; nested functions are not supported") for place, outer in told
+        (place, f"the function {outer}; nested functions are not supported") for place, outer in expected
     ]
     assert all(one.remedy.startswith("Move it behind the end of ") for one in findings)
 

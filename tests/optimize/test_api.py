@@ -114,6 +114,21 @@ def test_all_missing_names_are_reported_at_once():
     assert "yy" in text
 
 
+def test_a_name_that_is_neither_channel_nor_parameter_may_be_meant_as_either():
+    with pytest.raises(kf.InputError, match=r"It has x, y\. If offset is a scalar to fit, give it an initial value\."):
+        kf.calibrate("m = a * x + offset", LINE, {"a": 0.0}, target="y")
+
+
+def test_a_call_without_a_target_names_the_argument():
+    with pytest.raises(kf.InputError, match='Give target="channel", or criteria'):
+        kf.calibrate(TEXT, LINE, START)
+
+
+def test_an_unknown_target_lists_the_channels():
+    with pytest.raises(kf.InputError, match=r"unknown node or channel torque\. The channels are x, y\."):
+        kf.calibrate(TEXT, LINE, START, target="torque")
+
+
 def test_a_lookup_with_too_many_coordinates_is_named():
     with pytest.raises(kf.InputError, match=r"C is looked up with 2 coordinates, but has 1 axis\. Look it up with 1 "):
         kf.calibrate("m = C(x, x)", LINE, tables(), target="y")

@@ -23,6 +23,7 @@ CURVE = kf.Curve("C", [0.0, 1.0, 2.0, 3.0], np.zeros(4))
         ({"start": None}, "calibrate requires start, unless its first argument is a problem"),
         ({"start": {1: 2.0}}, "start: 1 must be the name of a parameter"),
         ({"start": {"a": "x", "b": 1.0}}, "value of a must be numbers, got 'x'"),
+        ({"start": {"a": [1.0, 2.0]}}, r'start: a must be a number; a table is kf\.Curve\("a", breakpoints, values\)'),
         ({"options": {"starts": 2}}, "options must be Options"),
         ({"options": kf.Options}, "options must be Options"),
         ({"progress": 3}, "progress must be a function"),

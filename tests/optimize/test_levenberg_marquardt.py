@@ -330,7 +330,7 @@ def test_overflow_in_trial_steps_does_not_warn():
 
 @pytest.mark.parametrize("small", [True, False])
 def test_a_descent_from_values_that_fit_exactly_converges(small):
-    """A decrease predicted from rounding errors is no reason to fail."""
+    """A predicted decrease of the size of rounding errors is not a failure."""
     random = np.random.default_rng(0)
     for _ in range(30):
         matrix, truth = random.normal(size=(8, 4)), random.normal(size=4)

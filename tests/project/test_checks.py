@@ -72,6 +72,13 @@ def test_exchanged_axes_are_a_warning(shop):
     )
 
 
+def test_a_project_in_which_all_values_are_locked_is_a_warning(shop):
+    shop.add("[parameters.Gain]\nlock = true\n[parameters.offset]\nlock = true")
+    assert any("no value can be fitted: Gain, offset are locked. Remove lock." in text for text in shop.warnings())
+    shop.change("[parameters.offset]\nlock = true", "")
+    assert not any("no value can be fitted" in text for text in shop.warnings())
+
+
 def test_a_criterion_that_no_free_parameter_changes_is_a_warning(shop):
     shop.change('initial = "start.json"', 'initial = "start.json"\nfree = "offset"')
     shop.add('[[criterion]]\nnode = "base"\ntarget = 3')

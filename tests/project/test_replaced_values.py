@@ -1,4 +1,4 @@
-"""What is said of a calibration that replaces the initial values, the same by each command that takes one."""
+"""Messages about a calibration that replaces the initial values, the same from each command that takes one."""
 
 import numpy as np
 import pytest
@@ -52,7 +52,7 @@ def test_an_unknown_name_is_reported_with_the_one_that_is_meant(findings_on):
 
 
 @pytest.mark.parametrize("command", [["simulate"], ["export", "--to", "m"]])
-def test_each_command_that_takes_a_calibration_says_the_same(command, shop, capsys):
+def test_each_command_that_takes_a_calibration_prints_the_same_messages(command, shop, capsys):
     shop.toml = TOML + BOUNDS
     path = shop.project.path
     values = ParameterSet([Curve("Gain", AXIS, [0, 1, 3]), Scalar("Elsewhere", np.inf)])

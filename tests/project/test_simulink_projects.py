@@ -131,6 +131,23 @@ def test_limits_of_a_table_hold_for_values_over_other_breakpoints(tmp_path):
     np.testing.assert_array_equal([table.lower, table.upper], [[0.0] * 4, [8.0] * 4])
 
 
+def test_a_table_of_literals_is_fitted_by_a_section_and_else_reported(drawn):
+    model = Model("line")
+    model.inport("u")
+    model.block("Lookup_n-D", "Eta", NumberOfTableDimensions="1", Table="[1 2 6]", BreakpointsForDimension1="[-2 0 2]")
+    model.outport("y")
+    model.chain("u", "Eta", "y")
+    model.write(drawn.folder, DRAWN)
+    drawn.change("[parameters.Slope]\ninitial = 1.0\n", "")
+    assert drawn.warnings() == [
+        "kennfeld.toml [calibration] free: no value can be fitted: Eta:Table is locked. "
+        'A section [parameters."Eta:Table"] unlocks a table.'
+    ]
+    drawn.add('[parameters."Eta:Table"]\ninitial = 0')
+    assert drawn.warnings() == []
+    assert drawn.project.calibrate().parameters["Eta:Table"].values.tolist() == pytest.approx([-4.5, 1.5, 7.5])
+
+
 def test_a_literal_that_the_project_names_is_a_parameter(drawn):
     drawn.add('[parameters."Plus:Bias"]\ninitial = 0.0\n')
     parameters = drawn.project.calibrate().parameters
@@ -532,6 +549,7 @@ def test_info_shows_values_limits_and_the_ports_of_the_part(drawn, capsys):
     out = capsys.readouterr().out
     assert re.search(r"Slope +scalar +2\.5 +init\.m", out)
     assert re.search(r"Engine/Eta:Table +curve +3 +1 to 6 +a literal of the block, locked", out)
+    assert 'A locked literal is fitted if the project has a section for it: [parameters."Engine/Eta:Table"].' in out
     assert re.search(r"input +unit\nu +rpm", out)
     assert cli.run([*arguments, "--subsystem", "Engine"]) == 0
     out = capsys.readouterr().out

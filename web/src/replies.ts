@@ -2470,7 +2470,7 @@ export interface NewProject {
   free?: boolean;
 }
 
-/** The state, as all pages are told after every change. */
+/** The state, as sent to all pages after every change. */
 export interface StateNews {
   state: AppState | NoProject;
 }

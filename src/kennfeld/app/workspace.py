@@ -22,7 +22,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 UPLOAD_ENDING = ".upload.part"
 ABANDONED = 600.0  # s after which an upload is not in progress any more
 
-Push = Callable[[str, Answer, str], None]  # topic, news, and the project whose pages are told
+Push = Callable[[str, Answer, str], None]  # topic, news, and the project whose pages get it
 
 KEPT = 3  # open projects without a page
 UNSEEN = 60.0  # s after which a project without a page is closed, so that a page that is loaded again finds it
@@ -42,7 +42,7 @@ class AppWorkspace:
         self._changed: dict[str, Sequence[str]] = {}  # by project, what pages know to have changed on disk
         self._seen: dict[str, float] = {}  # by project, when a page last showed it
         self.latest = ""
-        self._asking = ""  # the project whose pages are told what takes a while
+        self._asking = ""  # the project whose pages get the progress of what takes a while
         self._activity = Activity(self._tell_activity)
         if path is not None:
             self.open(path)

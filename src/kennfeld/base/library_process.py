@@ -1,8 +1,8 @@
 """A process of its own for a library that damaged files crash, with memory in proportion to the file.
 
-Such a library trusts what it reads: a few wrong bytes make it ask for gigabytes, read beyond its memory, or search
-without end. In another process that costs one message. The process serves one file after the other, as loading the
-library takes longer than reading most files, and ends with the one that started it. What the library prints is
+Such a library does not check what it reads: a few wrong bytes make it request gigabytes, read beyond its memory, or
+search without end. In another process that costs one message. The process serves one file after the other, as loading
+the library takes longer than reading most files, and ends with the one that started it. What the library prints is
 discarded.
 """
 

@@ -13,7 +13,7 @@ from kennfeld.base.file_state import note_opened
 from kennfeld.base.formatting import reason_of
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, ReadResult
 from kennfeld.calfiles.matlab_parameters import INFO, StructValue, UnreadableObject, Value, holds_samples, parameters_of
-from kennfeld.domain.parameters import AXIS_LETTERS
+from kennfeld.domain.axis import AXIS_LETTERS
 from kennfeld.files.calibrations import SCRIPT_TITLE
 from kennfeld.files.head import FileHead
 from kennfeld.matlab import values as m
@@ -190,7 +190,7 @@ def _variables(source: CalibrationSource) -> tuple[str, dict[str, Value]]:
     raw = source.raw
     try:
         nodes = read_nodes(raw, _MAX_UNPACKED_BYTES)
-    except Exception as error:  # of many kinds: the library for version 7.3 trusts what it reads
+    except Exception as error:  # of many kinds: the library for version 7.3 does not check what it reads
         message = reason_of(error)
     else:
         version = "7.3" if _is_hdf5(raw) else "5" if raw.startswith(b"MATLAB") else "4"

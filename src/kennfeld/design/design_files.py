@@ -17,7 +17,7 @@ from kennfeld.measurement.writable_recording import WritableRecording
 from kennfeld.project.csv_cells import neutral_cell
 
 ENDINGS = (".csv", ".xlsx", ".parquet", ".mf4", ".json")
-SHEET_NAME, SHEET_ROWS = 31, 1_048_576  # characters and rows that Excel admits
+SHEET_NAME, SHEET_ROWS = 31, 1_048_576  # the most characters and rows in Excel
 Columns = Mapping[str, NDArray[Any]]
 
 

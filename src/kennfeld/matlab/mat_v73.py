@@ -74,7 +74,7 @@ def is_matlab_guarded(content: bytes) -> bool:
 def _is_matlab_content(source: _FileBytes) -> bool:
     try:
         return is_matlab(BytesIO(source.content))
-    except Exception:  # of many kinds: the library trusts what it reads
+    except Exception:  # of many kinds: the library does not check what it reads
         return False
 
 

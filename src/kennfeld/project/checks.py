@@ -39,8 +39,7 @@ from kennfeld.optimize.problem.validation import unbounded
 from kennfeld.optimize.quality.lookup_coverage import Coverage
 from kennfeld.optimize.quality.quality import NodeSimulator
 from kennfeld.optimize.search.isolated_call import isolated
-from kennfeld.optimize.strategies.global_search import FEW
-from kennfeld.optimize.strategies.jumps import MAX_NAMES, find_jumps
+from kennfeld.optimize.strategies.jumps import FEW, MAX_NAMES, find_jumps
 from kennfeld.optimize.sums.compiled import CompiledProblem
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.model_step import clock_findings
@@ -292,6 +291,7 @@ def find_warnings(file: ProjectFile, problem: Problem, locations: Mapping[str, L
         *_unscored_files(problem, locations),
         *_axes(file, problem),
         *_idle(file, problem),
+        *_locked(file, problem),
         *_names(file, problem),
         *_unread_class(file),
         *_unwritten_simulation(file, problem),
@@ -484,6 +484,16 @@ def _idle(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
         message = f"{name} affects no criterion with a weight{kept}"
         fixes = [Fix(f"Fix {name}", ((("parameters", name, "free"), False),))]
         yield file.location("calibration", "free"), message, "", fixes
+
+
+def _locked(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
+    """Yield that nothing can be fitted, if all values are locked, as tables of literals in a Simulink model are."""
+    names = problem.free_names
+    if names and not problem.free_axes and all(problem.parameters[name].locked.all() for name in names):
+        message = f"no value can be fitted: {join_names(names, MAX_NAMES)} {'is' if len(names) == 1 else 'are'} locked"
+        unlocked = next((name for name in names if name not in file.parameters), None)
+        remedy = "Remove lock." if unlocked is None else f"A section [parameters.{quoted(unlocked)}] unlocks a table."
+        yield file.location("calibration", "free"), message, remedy
 
 
 def _keeps_start(problem: Problem, name: str) -> bool:

@@ -112,7 +112,7 @@ def _print(stream: TextIO, lines: Iterable[str]) -> None:
         # EPIPE: the reader of a pipe has ended; EIO: the terminal has closed
         if error.errno not in (EPIPE, EIO):
             raise
-        # what is still buffered would complain once more at exit
+        # what is still buffered would raise once more at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 

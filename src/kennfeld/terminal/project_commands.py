@@ -292,7 +292,7 @@ def _stop() -> int:
 def _print_result(
     result: "Result", known: Sequence[Finding], extrapolations: "Sequence[Extrapolation]", by_file: bool, path: Path
 ) -> None:
-    """Print a result, without the warnings that the check before it has told already."""
+    """Print a result, without the warnings that the check has printed before."""
     from kennfeld.optimize.trust.undetermined import undetermined_lines
     from kennfeld.terminal.result_lines import MORE, choice_lines, extrapolation_lines
 

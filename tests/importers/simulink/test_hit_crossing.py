@@ -32,7 +32,7 @@ def hits(column, offset, direction):
 
 @pytest.mark.parametrize("direction", ["rising", "falling", "either"])
 @pytest.mark.parametrize("offset", [1.0, 0.5, 0.0])
-def test_a_hit_crossing_is_one_where_generated_code_says_so(direction, offset, tmp_path):
+def test_a_hit_crossing_gives_the_outputs_of_generated_code(direction, offset, tmp_path):
     drawn = alone("HitCross", HitCrossingOffset=offset, HitCrossingDirection=direction)
     random = np.random.default_rng(5).integers(0, 3, 200).astype(float)
     column = np.concatenate([SIGNAL, random])
@@ -42,7 +42,7 @@ def test_a_hit_crossing_is_one_where_generated_code_says_so(direction, offset, t
     np.testing.assert_array_equal(outputs["y1"], expected)
 
 
-def test_a_hit_crossing_of_a_vector_watches_each_element(tmp_path):
+def test_a_hit_crossing_of_a_vector_treats_each_element_alone(tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.block("Mux", "M", ports=(2, 1), Inputs="2")
     drawn.block("HitCross", "B", ports=(1, 1), HitCrossingOffset="[1 0.5]")
@@ -79,8 +79,8 @@ def test_merges_in_a_row_pass_on_the_output_of_the_subsystem_that_ran_last(tmp_p
     u = np.arange(1.0, 9.0)
     outputs = run(imported(drawn, tmp_path), {"on1": on[0], "on2": on[1], "on3": on[2], "u": u})
     # at most one of them runs in a step; before the first one, the initial value of the last Merge
-    held, expected = -7.0, []
+    last, expected = -7.0, []
     for at, x in enumerate(u):
-        held = next((10.0**which * x for which in (1, 2, 3) if on[which - 1, at]), held)
-        expected.append(held)
+        last = next((10.0**which * x for which in (1, 2, 3) if on[which - 1, at]), last)
+        expected.append(last)
     np.testing.assert_array_equal(outputs["y"], expected)

@@ -63,7 +63,7 @@ def is_missing(value):
 
 
 def is_intended(name, arguments):
-    """Whether a difference has the reason that is told for the function; casts are compared with `double`."""
+    """Return True if the function has a documented reason for the difference; casts are compared with `double`."""
     return name in INTENDED and name not in CASTS and any(map(is_missing, arguments))
 
 

@@ -91,6 +91,19 @@ def test_the_sections_can_be_pasted_into_a_project_and_define_the_model(tmp_path
     assert run(model, {"u": [1.0]})["y1"][0] == 1.0
 
 
+def test_a_number_that_is_given_for_a_table_stands_for_all_of_its_values(tmp_path):
+    values = {"K": 1.0, "M": 5.0, "X": [0.0, 1.0, 2.0, 3.0], "par.limit": 0.0, "Curve:Table": 7.0}
+    model = imported(drawing(), tmp_path, parameters=[values])
+    assert model.values["M"].values.tolist() == [[5.0, 5.0, 5.0], [5.0, 5.0, 5.0]]
+    assert model.values["Curve:Table"].values.tolist() == [7.0] * 4
+
+
+def test_a_number_that_a_script_assigns_to_a_table_is_refused_as_in_simulink(tmp_path):
+    (tmp_path / "init.m").write_text("K = 1; M = 5; X = 0:3; par.limit = 0;")
+    with pytest.raises(InputError, match="its M of size 1 x 1 does not match its 2 x 3 breakpoints"):
+        imported(drawing(), tmp_path, parameters=[tmp_path / "init.m"])
+
+
 @pytest.mark.parametrize("gain", ["K", "2"])
 def test_a_model_with_all_values_leaves_nothing_to_define(gain, tmp_path):
     report = import_simulink(alone("Gain", Gain=gain).write(tmp_path), parameters=[{"K": 2.0}]).report

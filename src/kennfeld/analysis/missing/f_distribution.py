@@ -47,7 +47,7 @@ def f_quantile(p: float, m: float, n: float) -> float:
 
 
 def _beta_share(x: float, rest: float, a: float, b: float) -> float:
-    """Return I_x(a, b); `rest` is 1 - x, which may be too close to 1 to be told from x."""
+    """Return I_x(a, b); `rest` is 1 - x, which loses its digits if computed from an x close to 1."""
     if not x > 0:
         return 0.0
     if not rest > 0:

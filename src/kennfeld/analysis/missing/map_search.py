@@ -12,7 +12,8 @@ from kennfeld.analysis.missing.scoring import Scored
 from kennfeld.analysis.missing.search_round import SearchRound
 from kennfeld.analysis.missing.shortlist import CandidateGroup, shortlist
 from kennfeld.analysis.missing.terms import Kind, describe
-from kennfeld.domain.parameters import Axis, Curve, Parameter
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Curve, Parameter
 from kennfeld.optimize.problem.problem import Problem
 
 LENGTH = 2  # maps that are fitted
@@ -35,7 +36,7 @@ class MapSearch(SearchRound):
     ) -> list[TermProposal]:
         """Return maps that explain more on held-out data than the proposals of the first round.
 
-        They are scored beside these, with more breakpoints: a map must explain what no curve does.
+        They are scored beside these, with more breakpoints: a map must explain more than a curve.
 
         Args:
             kinds: how maps are added to a node.

@@ -18,7 +18,7 @@ def with_term(text: str, addition: Addition, inputs: Collection[str] = (), taken
     """Return formula text with a term; None if the text does not define the node, or if others share its memory.
 
     A node such as `y = 0.9 * prev(y) + x` would remember the term, too, which was not fitted so: its equation gets a
-    name of its own. If another equation reads the earlier values of y as well, it cannot be told which are meant.
+    name of its own. If another equation reads the earlier values of y as well, it is ambiguous which are meant.
 
     Args:
         text: the formula text.

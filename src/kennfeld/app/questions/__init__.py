@@ -95,7 +95,7 @@ _QUESTIONS: dict[str, Callable[..., object]] = {
     "pair": calibrations.pair,
     "write-calibration": calibrations.write_calibration,
 }
-_COMMANDS: dict[str, Callable[..., object]] = {  # these change the state, which all pages are told
+_COMMANDS: dict[str, Callable[..., object]] = {  # these change the state, which is then sent to all pages
     "set-values": parameters.set_values,
     "choose-reference": parameters.choose_reference,
     "lock-values": parameters.lock_values,

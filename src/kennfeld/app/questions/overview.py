@@ -282,7 +282,7 @@ class NoProject:
 
 @dataclass(frozen=True)
 class StateNews:
-    """The state, as all pages are told after every change."""
+    """The state, as sent to all pages after every change."""
 
     state: AppState | NoProject
 

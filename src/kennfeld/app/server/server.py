@@ -108,7 +108,7 @@ class Server:
         page = OpenPage(websocket)
         sender = asyncio.create_task(page.send_all())
         try:
-            self._pages.add(page)  # it is told what takes a while until it has a project
+            self._pages.add(page)  # before it has a project, it gets the progress of what takes a while
             page.project = await self._in_session(lambda: self.workspace.join(asked))
             page.put(await self._snapshot(page.project), "state")
             while True:

@@ -28,7 +28,7 @@ from kennfeld.project import Project
 
 MOST_PLACES = 1500  # recorded samples that are drawn
 MOST_STEPS = 150  # of the way of a segment
-EVERY = 2.0  # s between the designs so far that are sent; a stop keeps the last one
+EVERY = 2.0  # s between reports of the design so far, which a stop leaves
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,13 +108,13 @@ class DesignTask:
         def progress(line: TraceLine) -> None:
             tell(WorkStep(f"fitting the function: {line.stage}, step {line.iteration}"))
 
-        told = time.monotonic()
+        reported = time.monotonic()
 
         def watch(made: Callable[[], Design] | None) -> bool:
-            nonlocal told
-            if made is not None and time.monotonic() - told >= EVERY:
+            nonlocal reported
+            if made is not None and time.monotonic() - reported >= EVERY:
                 tell(PartialOutcome(DesignFindings(self._with_relative_files(made()))))
-                told = time.monotonic()
+                reported = time.monotonic()
             return False
 
         project = Project.read(self.path, self.unsaved)

@@ -15,7 +15,7 @@ class ProjectRecordings:
     """Reads the recordings of a project, and keeps them for the next version of it.
 
     Args:
-        activity: told of what takes a while.
+        activity: called with the progress of what takes a while.
     """
 
     def __init__(self, activity: Activity) -> None:

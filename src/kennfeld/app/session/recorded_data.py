@@ -30,7 +30,7 @@ class RecordedData:
     """The recordings that were read last; called like `load_datasets`.
 
     Args:
-        activity: told of each file that is read, and asked whether to go on.
+        activity: called for each file that is read; may stop the reading.
     """
 
     def __init__(self, activity: Activity | None = None) -> None:

@@ -104,16 +104,16 @@ class SideWork(Generic[Outcome]):
         self._worker = _TaskProcess(task, self._put)
 
     def stop(self) -> None:
-        """End running work at once; what it has told so far is kept."""
+        """End running work at once; what it has reported so far is kept."""
         if self._worker is None:
             return
-        self.pump()  # what is waiting was told before
+        self.pump()  # messages that wait in the inbox were sent before
         if self._worker is not None:
             self._worker.kill()
             self._end("stopped")
 
     def pump(self) -> None:
-        """Handle what the work has told."""
+        """Handle the messages of the work."""
         while not self._inbox.empty():
             worker, message = self._inbox.get()
             if worker is not self._worker:

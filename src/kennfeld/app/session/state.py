@@ -92,6 +92,7 @@ def inverse(before: SessionState, after: SessionState, title: str = "") -> Resto
         for name in {**before.texts, **after.texts}
         if before.texts.get(name) != after.texts.get(name)
     }
+    # by content: a table that was set to what it was has not changed
     changed = [
         name
         for name in {**before.values, **after.values}
@@ -217,7 +218,7 @@ class History:
         return self._entries[self._at].state
 
     def do(self, command: Command, drag: str = "", tables: Mapping[str, Parameter] | None = None) -> None:
-        """Apply a command; what was undone is forgotten. Commands of the same `drag` are one entry.
+        """Apply a command; what was undone is discarded. Commands of the same `drag` are one entry.
 
         `tables` are those for which the values of the command were given, as far as they are known.
         """
@@ -235,18 +236,20 @@ class History:
         return bool(drag) and drag == self._open
 
     def amend(self, command: Command) -> None:
-        """Apply a command to the present state without an entry of its own; what was undone is forgotten."""
+        """Apply a command to the present state without an entry of its own; what was undone is discarded."""
         entry = self._entries[self._at]
         self._entries[self._at :] = [Entry(command.apply(entry.state), entry.title)]
 
     def hold(self, texts: Texts, saved: SessionState) -> SessionState:
-        """Let every state hold texts that it lacks, as they are on disk, and return `saved` with them.
+        """Add texts, as they are on disk, to the states that lack them, and return `saved` with them.
 
         Once a command has replaced such a text and it is saved, the disk no longer has what an undo brings back.
         """
-        held = {id(entry.state): replace(entry.state, texts={**texts, **entry.state.texts}) for entry in self._entries}
-        self._entries = [Entry(held[id(entry.state)], entry.title) for entry in self._entries]
-        return held.get(id(saved)) or replace(saved, texts={**texts, **saved.texts})
+        completed = {
+            id(entry.state): replace(entry.state, texts={**texts, **entry.state.texts}) for entry in self._entries
+        }
+        self._entries = [Entry(completed[id(entry.state)], entry.title) for entry in self._entries]
+        return completed.get(id(saved)) or replace(saved, texts={**texts, **saved.texts})
 
     def note_tables(self, tables: Mapping[str, Parameter]) -> None:
         """Note the tables for which the present values were given, if they are not known yet."""
@@ -258,6 +261,7 @@ class History:
 
     def undo(self) -> str:
         """Go back by one entry; return its title, empty if there is none."""
+        # a further move of this drag is an entry of its own
         self._open = ""
         if not self._at:
             return ""

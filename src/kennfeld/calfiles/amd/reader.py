@@ -33,7 +33,9 @@ from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.content import in_rising_order, turn
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
-from kennfeld.domain.parameters import Axis, Block, Scalar, Text, parameter
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Block, Scalar, parameter
+from kennfeld.domain.texts import Text
 
 _ZIP: Final = b"PK\x03\x04"
 _DEFAULT: Final = "default"
@@ -156,7 +158,7 @@ class _AmdReader:
         """Return the elements of a component by name; None if its `.main.amd` file is missing."""
         if component + MAIN in self.files:
             return {element.name: element for element in self.library.component(component).elements}
-        message = f"{file_name(component + MAIN)} is missing: variables cannot be told from parameters"
+        message = f"{file_name(component + MAIN)} is missing: variables cannot be distinguished from parameters"
         remedy = "Keep all .amd files of a component together."
         self.findings.add(Finding(Location(file_name(path)), message, remedy, severity="warning"))
         return None

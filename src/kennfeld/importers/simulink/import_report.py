@@ -28,6 +28,7 @@ _DEFINE = (
     "Define it in a script, a .mat, .sldd or calibration file given as parameters, or by initial in the project's "
     "[parameters.NAME]; kennfeld info prints these sections."
 )
+_LITERALS = 'A locked literal is fitted if the project has a section for it: [parameters."{}"].'
 _LOOP_REMEDY = "Insert a Unit Delay into the loop, or bind one of its blocks."
 
 
@@ -198,6 +199,7 @@ class SimulinkReport(ImportReport):
             *(f"algebraic loop: {' -> '.join(loop[:10])}" for loop in self.loops),
             *map(str, self._supplies),
             *([_ADVICE] if self.unsupplied else []),
+            *[_LITERALS.format(parameter.name) for parameter in self.parameters if parameter.locked][:1],
             f"runs with {step}",
             *self.substitutions,
             *self.fixed,

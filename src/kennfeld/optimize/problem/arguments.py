@@ -7,10 +7,11 @@ from typing import Any, Literal, Protocol, TypedDict
 import numpy as np
 
 from kennfeld.base.errors import ArgumentError
+from kennfeld.domain.axis import AXIS_LETTERS
 from kennfeld.domain.constraints import Equality, Limit, Pin, Shape
 from kennfeld.domain.criteria import Criterion
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import AXIS_LETTERS, Parameter, Scalar
+from kennfeld.domain.parameters import Parameter, Scalar
 from kennfeld.domain.storage import RoundingMethod
 from kennfeld.models import Model
 from kennfeld.optimize.problem.options import Options
@@ -61,7 +62,7 @@ def check_kinds(arguments: Mapping[str, Any]) -> None:
             raise ArgumentError(f"{name} must be {expected}, got {_described(value)}")
     model = arguments.get("model")
     if not isinstance(model, Model | str):
-        remedy = "kennfeld.formula, simulink, esdl, fmu and onnx read files"
+        remedy = "kennfeld.formula, simulink, esdl, fmu, onnx and function return models"
         raise ArgumentError(f"model must be a model or formula text, got {_described(model)}; {remedy}")
 
 
@@ -152,6 +153,8 @@ def _parameter(name: Any, value: Any) -> Parameter:
     if not isinstance(name, str):
         raise ArgumentError(f"start: {name!r} must be the name of a parameter, a text")
     if not isinstance(value, Parameter):
+        if np.ndim(value):
+            raise ArgumentError(f'start: {name} must be a number; a table is kf.Curve("{name}", breakpoints, values)')
         return Scalar(name, value)
     if value.name != name:
         raise ArgumentError(f"start: the parameter under {name!r} is called {value.name}; use its name")

@@ -8,10 +8,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from kennfeld.base.errors import Finding, Location
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.axis import AXIS_LETTERS
 from kennfeld.domain.criteria import Criterion
 from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import AXIS_LETTERS
 from kennfeld.graph import Graph
 from kennfeld.graph.traversal import coordinates_of
 from kennfeld.preprocessing.units import UnitConversion, Units, compare_units, is_unit_missing
@@ -69,7 +69,7 @@ def convert_units(datasets: Sequence[Dataset], wanted: Mapping[str, tuple[str, s
     first: dict[str, tuple[str, str]] = {}
     converted = []
     for data in datasets:
-        # every conversion is recorded under the dataset alone, so that its remarks can be told from those of others
+        # every conversion is recorded under the dataset alone, so that its remarks stay apart from those of others
         own = Units({}, wanted, first)
         after = own.convert(data, f"dataset {data.name}")
         converted.append(after.with_findings(*own.remarks(())))

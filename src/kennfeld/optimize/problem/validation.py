@@ -6,11 +6,11 @@ import numpy as np
 
 from kennfeld.base.errors import Finding, Findings, Fix, InputError, Location
 from kennfeld.base.formatting import count_noun, nearest
+from kennfeld.domain.axis import AXIS_LETTERS
 from kennfeld.domain.constraints import Shape, Term
 from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.free_axes import AxisKey, FreeAxis, key_of
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import AXIS_LETTERS
 from kennfeld.domain.table_parts import missing_directions
 from kennfeld.graph import Graph
 from kennfeld.graph.external_function import is_sequential
@@ -59,11 +59,11 @@ def check_problem(problem: Problem) -> Findings:
             findings.error(Location(f"pin of {pin.parameter}"), f"{pin.value} at {list(pin.at)} is not finite")
     findings.add(*(finding for finding in _weight_findings(problem) if finding.severity == "error"))
     names = problem.model.graph.names
-    channels = {channel for data in problem.datasets for channel in data}
+    channels = list(dict.fromkeys(channel for data in problem.datasets for channel in data))
     for criterion in problem.criteria:
         for node in (criterion.node, problem.target_node(criterion)):
             if node is not None and node not in names:
-                remedy = nearest(node, [*names, *channels])
+                remedy = nearest(node, [*names, *channels]) or f"The channels are {_listed(channels)}."
                 findings.error(Location("criterion"), f"unknown node or channel {node}", remedy)
     sizes = delay_findings(problem.model, problem.free_size) or matrix_findings(
         Location("parameters"), problem.free_size
@@ -90,8 +90,17 @@ def check_inputs(
         for name in graph.inputs:
             channel = channels.get(name, name)
             if channel not in dataset:
-                remedy = nearest(channel, dataset) or f"It has {', '.join(list(dataset)[:MAX_LISTED_CHANNELS])}."
+                remedy = nearest(channel, dataset) or _channel_remedy(name, dataset)
                 yield Finding(dataset_location(dataset), f"no channel named {channel}", remedy)
+
+
+def _channel_remedy(name: str, dataset: Dataset) -> str:
+    """Return what to do about an input without a channel, which may be meant as a parameter."""
+    return f"It has {_listed(list(dataset))}. If {name} is a scalar to fit, give it an initial value."
+
+
+def _listed(channels: Sequence[str]) -> str:
+    return ", ".join(channels[:MAX_LISTED_CHANNELS])
 
 
 def _axes(count: int) -> str:
@@ -109,7 +118,7 @@ def check_fittable(problem: Problem, *, globally: bool) -> Findings:
     """Check that there is something to fit; `globally` without gradients."""
     findings = Findings()
     if not problem.criteria:
-        findings.error(Location("criteria"), "no criterion is defined", "Name a node and its target.")
+        findings.error(Location("criteria"), "no criterion is defined", 'Give target="channel", or criteria.')
     if not problem.free_names:
         message = f"free = {list(problem.free)} matches no parameter that the function uses"
         findings.error(Location("parameters"), message)

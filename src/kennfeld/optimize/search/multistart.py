@@ -227,7 +227,7 @@ class _Multistart:
             try:
                 self.progress(line)
             except Stop as stop:
-                self.why_stopped = str(stop) or STOPPED  # another process is not told the reason
+                self.why_stopped = str(stop) or STOPPED  # the reason does not reach another process
                 raise
 
     def _save(self, saved: Checkpoint) -> None:

@@ -45,7 +45,7 @@ from kennfeld.preprocessing.binding import BoundDataset
 
 MAX_DIRECTIONS = 12
 MAX_EQUAL_WEIGHT = 0.99  # of a second minimum, beyond which its cost is lower by more than noise
-SCALED = 0.1  # change of values by which factors are told from differences
+SCALED = 0.1  # change of values by which factors are distinguished from differences
 UNCHANGED = 1e-9  # difference of two costs, relative to them, that is rounding
 NEGLIGIBLE_STEP = 0.05  # standard deviations
 EXACTLY_KNOWN = 1e-9  # standard deviation along a direction, relative to each value, that needs no words

@@ -8,7 +8,8 @@ import numpy as np
 
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.formatting import join_names, size_text
-from kennfeld.domain.parameters import Axis, Parameter
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Parameter
 from kennfeld.importers.simulink.blocks.spline_interpolation import (
     interpolate_by_akima,
     interpolate_by_spline,
@@ -33,7 +34,7 @@ from kennfeld.importers.simulink.signals import (
     select,
     staircase,
 )
-from kennfeld.importers.simulink.variables.mask_scope import Variable
+from kennfeld.importers.simulink.variables.mask_scope import USER_SOURCE, Variable
 from kennfeld.models.imperative.node_arrays import Numbers
 
 _MAX_SPLINE_NODES = 50_000
@@ -186,7 +187,11 @@ def constant_curve(
 def _look_up(
     block: BlockContext, field: ParameterField, axes: list[Axis], coordinates: list[Signal], method: LookupMethod
 ) -> Signal:
-    values = _reshape_values(field.values, tuple(len(axis) for axis in axes), field.name)
+    shape = tuple(len(axis) for axis in axes)
+    if field.values.size == 1 and _is_given(block, field):
+        values = np.full(shape, field.values.item())  # as a number is in a section of formula text
+    else:
+        values = _reshape_values(field.values, shape, field.name)
     if any(len(axis) < 2 for axis in axes):
         raise UnsupportedError(f"its {field.name} has a dimension with only one breakpoint")
     # literals of a block stay as they are unless they are promoted
@@ -206,6 +211,11 @@ def _look_up(
     places = zip(*(signal.flat for signal in spread), strict=True)
     nodes = [block.builder.lookup(parameter.name, *place) for place in places]
     return block.signal(nodes, period_of(spread), spread[0].shape)
+
+
+def _is_given(block: BlockContext, field: ParameterField) -> bool:
+    """Return True if the value comes from a project or from Python, under the name of the variable or of the field."""
+    return block.flat.scope.variables.get(field.name, field.variable).source == USER_SOURCE
 
 
 def _look_up_spline(block: BlockContext, table: Parameter, coordinates: list[Signal], method: LookupMethod) -> Signal:

@@ -108,7 +108,7 @@ class StatePorts:
         """Create state nodes, or take those created when the state port was read."""
         flat, number = key
         if number == STATE_PORT and flat in self._states:
-            # the port was read before its block was lowered, as a scalar until a pass has told its size
+            # the port was read before its block was lowered, as a scalar until a pass has determined its size
             if self._states[flat].size == first.size:
                 return [int(node) for node in self._states[flat].ravel()]
             self.shapes.guesses.shape(key, first.shape)

@@ -135,7 +135,7 @@ class _Chunk:
 
 
 def _single_object(section: XmlElement) -> XmlElement:
-    """Return the only object of a property: an element of it, or the property itself; one of several is not told."""
+    """Return the only object of a property: an element of it, or the property itself; for several, a placeholder."""
     elements = [*section.all("Element")]
     if not elements:
         return section
