@@ -141,20 +141,27 @@ def _shared_raster(location: Location, groups: Sequence[_ChannelGroup], raster: 
 def split_timelines(table: Table, selection: Selection) -> list[Table]:
     """Return a table for each time column with requested channels; the table itself if it has a single time."""
     columns = table.columns
-    clocks = [k for k, column in enumerate(columns) if _may_be_clock(column, selection)]
+    clocks = [k for k, column in enumerate(columns) if _is_stated_clock(table, column) or _may_be_clock(table, column)]
     # a table in groups begins with a time column
     if len(clocks) < 2 or clocks[0] != 0:
         return [table]
     # the same clock again, perhaps from another origin, does not begin a group of its own
     if not _differ([columns[k] for k in clocks], 0.0 if table.staggered else _SHIFT):
         copies = {k for k in clocks[1:] if table.staggered or columns[k].name == columns[0].name}
+        copies -= {k for k in copies if selection.requests(columns[k].name)}
         return [replace(table, columns=tuple(c for k, c in enumerate(columns) if k not in copies))]
-    groups = [columns[k:end] for k, end in pairwise([*clocks, len(columns)]) if end > k + 1]
+    ranges = pairwise([*clocks, len(columns)])
+    # a time that is requested is a channel of its own group, too
+    groups = [columns[k:end] for k, end in ranges if end > k + 1 or selection.requests(columns[k].name)]
     if not groups or _count_groups(table.names, {columns[k].name for k in clocks}) < 2:
         return [table]
     if selection.channels is None:
         groups = _join_texts(groups)
-    asked = [group for group in groups if any(selection.includes(channel.name) for channel in group[1:])]
+    asked = [
+        (clock, *channels)
+        for clock, *channels in groups
+        if selection.requests(clock.name) or any(selection.includes(channel.name) for channel in channels)
+    ]
     parts = [_part(table, group) for group in asked or groups[:1]]
     # a reader stops at errors, so they are needed once
     others = tuple(finding for finding in table.findings if finding.severity != "error")
@@ -174,8 +181,12 @@ def _count_groups(names: Sequence[str], clocks: set[str]) -> int:
     return sum(name not in clocks and before in clocks for before, name in pairwise(name for name in names if name))
 
 
-def _may_be_clock(column: Column, selection: Selection) -> bool:
-    if not is_clock(column.name, column.unit) or column.text_count or column.name in (selection.channels or ()):
+def _is_stated_clock(table: Table, column: Column) -> bool:
+    return column.name in table.clock_names
+
+
+def _may_be_clock(table: Table, column: Column) -> bool:
+    if table.clock_names or not is_clock(column.name, column.unit) or column.text_count:
         return False
     known = column.values[~np.isnan(column.values)]
     still = known.size > 2 and known[0] == known[-1]  # a quantity in s or min that does not change

@@ -3,6 +3,7 @@
 import numpy as np
 
 from kennfeld.importers.simulink.blocks.bus_values import fit_to_bus, parameter_or_bus
+from kennfeld.importers.simulink.blocks.lookup_tables import lookup_field, named_method, table_axes
 from kennfeld.importers.simulink.expressions.parameter_expressions import ParameterExpressions
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock
 from kennfeld.importers.simulink.lowering import (
@@ -152,6 +153,26 @@ def stairs(block: BlockContext) -> SignalOrBus:
     dt = block.constant(sample) if sample > 0 else block.base_step
     count = apply("floor", block.time / dt + 1e-6)
     return select_by_index(count % float(len(values)), [block.signal([value]) for value in values], 0.5)
+
+
+@block("Repeating Sequence Interpolated", output=ARITHMETIC, sample="tsamp",
+       OutValues="[3 1 4 2 1].'", TimeValues="[0 0.1 0.5 0.6 1].'", LookUpMeth="Interpolation-Use End Values",
+       tsamp="0.01")  # fmt: skip
+def interpolated_sequence(block: BlockContext) -> SignalOrBus:
+    """Repeat a sequence of points, interpolated at the sample hits; its last value is the last one of a period."""
+    (axis,) = table_axes(block, "OutValues", ["TimeValues"])
+    specified = block.numeric_field("tsamp")
+    sample = specified if specified > 0 else block.compiler.clock.step
+    if not sample:
+        raise UnsupportedError("it counts samples, but its sample time is inherited and the data define the step")
+    # Simulink counts its samples from 0 to that of the last time, as the counter in its generated code shows
+    last = float(axis.breakpoints[-1])
+    count = round(last / sample)
+    if count < 0 or abs(last / sample - count) > 1e-6:
+        message = f"its last time, {last:g} s, must be a multiple of its sample time, {sample:g} s"
+        raise UnsupportedError(message, "Change tsamp or the last of TimeValues.")
+    hit = apply("floor", block.time / sample + 1e-6) % float(count + 1)
+    return lookup_field(block, "OutValues", [axis], [hit * sample], named_method(block))
 
 
 def pulse_times(flat: FlatBlock, expressions: ParameterExpressions) -> list[float]:
