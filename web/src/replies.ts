@@ -1722,6 +1722,8 @@ export interface FoundDesign {
   tables: DesignTableRow[];
   formats: ("csv" | "xlsx" | "mf4" | "parquet" | "json")[];
   seconds: number;
+  /** How many were chosen, and how many would have been; empty for a choice that has ended. */
+  stopped: number[];
 }
 
 /** A piece of a recording to drive. */
@@ -1947,6 +1949,8 @@ export interface ShownTerm {
   now: number[];
   /** Standard deviation of each; null if nothing determines one. */
   deviation: (number | null)[];
+  /** Of the values and their deviations; empty for a factor. */
+  valueUnit: string;
   /** The value without effect. */
   neutral: number;
   /** False at an equal place, where the values are those without effect. */

@@ -67,6 +67,8 @@ function Empty() {
         <span class="grow">{text}</span>
       </p>
     );
+  if (outcome.value?.stopped.length)
+    return <p class="pad q">Deviations are drawn for a design that has gone on to its end.</p>;
   if (outcome.value !== null) return <p class="pad q">A design without a fit: it has no deviations to show.</p>;
   return (
     <div class="pad" id="nothing-proposed">

@@ -1,8 +1,8 @@
 // The fitted term over its channel with its standard deviation, or over both of them, and the errors without and with it.
 
-import { area, type Box, extent, line, type Pen, widened } from "../../drawing/canvas";
+import { area, type Box, drawUpright, extent, line, type Pen, widened } from "../../drawing/canvas";
 import { css, diverging, token } from "../../drawing/colours";
-import { drawCells } from "../../drawing/grid";
+import { drawCells, drawScale } from "../../drawing/grid";
 import { band, dots, rules } from "../../drawing/marks";
 import { counted, plain, significant, unitText, withUnit } from "../../drawing/numbers";
 import { lastUpTo } from "../../drawing/strips";
@@ -113,11 +113,13 @@ function drawTable(
 /** Draw the values of a map as cells with their numbers: the first channel to the right, the second one upwards. */
 function drawMap(pen: Pen, { left, right, top, bottom }: Box, head: ShownTerm, kind: string, node: string): void {
   const [nx, ny] = [head.points.length, head.secondPoints.length];
-  const box = { left, right, top: top + 16, bottom: bottom - 18 };
+  const box = { left: left + 12, right: right - 52, top: top + 18, bottom: bottom - 34 };
   const at = (i: number, j: number) => head.now[i * ny + j] ?? NaN;
   const reach = Math.max(...head.now.map((value) => Math.abs(value - head.neutral))) || 1;
-  const paint = (i: number, j: number) => css(diverging((at(i, j) - head.neutral) / reach));
-  const cell = drawCells(pen, box, nx, ny, (i, j) => (Number.isFinite(at(i, j)) ? paint(i, j) : null));
+  const paint = (value: number) => css(diverging((value - head.neutral) / reach));
+  const cell = drawCells(pen, box, nx, ny, (i, j) => (Number.isFinite(at(i, j)) ? paint(at(i, j)) : null));
+  const bar = { left: right - 46, right: right - 38, top: box.top, bottom: box.bottom };
+  drawScale(pen, bar, [head.neutral - reach, head.neutral + reach], paint);
   pen.textBaseline = "middle";
   for (let i = 0; i < nx; i++) {
     for (let j = 0; j < ny; j++) {
@@ -141,15 +143,17 @@ function drawMap(pen: Pen, { left, right, top, bottom }: Box, head: ShownTerm, k
     pen.fillText(plain(value, 3), box.left - 5, (own.top + own.bottom) / 2);
   });
   pen.textBaseline = "alphabetic";
-  const verb = kind === "multiply" ? `factor on ${node}` : `added to ${node}`;
-  note(
-    pen,
-    `${verb}; ${withUnit(head.second, head.secondUnit)} upwards, no term: ${head.neutral}`,
-    left,
-    top + 8,
-    "text",
-  );
+  pen.textAlign = "right";
+  pen.fillText(withUnit(head.input, head.inputUnit), box.right, box.bottom + 28);
+  pen.textAlign = "left";
+  drawUpright(pen, box, withUnit(head.second, head.secondUnit));
+  note(pen, effect(kind, node, head.valueUnit), box.left, top + 9, "text");
+  note(pen, `no term: ${head.neutral}`, box.right, top + 9, "quiet", "right");
 }
+
+/** What the values of a curve or map do, with their unit. */
+const effect = (kind: string, node: string, unit: string): string =>
+  kind === "multiply" ? `factor on ${node}` : withUnit(`added to ${node}`, unit);
 
 function drawCurve(
   pen: Pen,
@@ -170,7 +174,7 @@ function drawCurve(
     line(pen, xs, ys, token("model"), 1.6);
   });
   dots(pen, xs, ys, token("model"), 3.4);
-  note(pen, kind === "multiply" ? `factor on ${node}` : `added to ${node}`, upper.left + 8, upper.top + 13, "text");
+  note(pen, effect(kind, node, head.valueUnit), upper.left + 8, upper.top + 13, "text");
   note(pen, `no term: ${head.neutral}`, upper.right - 8, plot.y(head.neutral) + 12, "quiet", "right");
 }
 
