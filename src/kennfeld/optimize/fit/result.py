@@ -4,13 +4,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import field
 from functools import cached_property
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import ArgumentError, Finding
-from kennfeld.base.formatting import number_text
+from kennfeld.base.formatting import join_names, number_text
 from kennfeld.base.frozen_dict import FrozenDict
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.notebook_display import NotebookDisplay
@@ -249,6 +249,16 @@ class Result(NotebookDisplay):
         warnings = [f"warning: {warning}" for warning in self.warnings]
         undetermined = undetermined_lines(self.trust, "; see result.trust", "kennfeld.design(result, direction=1)")
         return "\n".join([f"{self.status}: {self.message}", *lines, *rounded, *warnings, *undetermined])
+
+    def __repr__(self) -> str:
+        errors = [f"RMSE of {row.criterion} on {row.dataset} {row.rmse_after:.4g}" for row in self.quality]
+        return f"Result({self.status!r}, {self.parameters!r}, {join_names(errors, 3)})"
+
+    @overload
+    def simulate(self, data: "Data", *, problem: "Problem | None" = None) -> "Dataset": ...
+
+    @overload
+    def simulate(self, data: None = None, *, problem: "Problem | None" = None) -> "list[Dataset]": ...
 
     def simulate(self, data: "Data | None" = None, *, problem: "Problem | None" = None) -> "Dataset | list[Dataset]":
         """Evaluate the function with the fitted values.
