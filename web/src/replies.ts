@@ -1849,7 +1849,7 @@ export interface FoundTerms {
   status: string;
   /** The verdict, a sentence. */
   message: string;
-  /** RMSE of the least effect that would have been seen. */
+  /** RMSE of the smallest effect that would have been detected. */
   smallest: number | null;
   unit: string;
   candidates: number;
@@ -1887,7 +1887,7 @@ export interface TermRow {
   values: number;
   /** The first and the last breakpoint of a curve, each with its value. */
   ends: [number, number][];
-  /** Others that the data cannot tell from it. */
+  /** Others that the data cannot distinguish from it. */
   places: PlaceRow[];
   heldOutParts: HeldOutRow[];
   /** Of the node in the source of the function. */
@@ -2466,7 +2466,7 @@ export interface NewProject {
   free?: boolean;
 }
 
-/** The state, as all pages are told after every change. */
+/** The state, as sent to all pages after every change. */
 export interface StateNews {
   state: AppState | NoProject;
 }

@@ -54,8 +54,8 @@ class TraceLine:
         rmse: of the first criterion on the training data.
         step: length of the step, in units of the scales of the values.
         damping: of the step.
-        active: number of limits that hold it.
-        seconds: since the begin of the compilation.
+        active: number of active limits.
+        seconds: time since compilation began, in s.
 
     >>> from kennfeld import calibrate
     >>> line = calibrate("y = k * x", {"x": [1.0, 2.0], "m": [2.0, 4.0]}, {"k": 0.0}, target="m").trace[0]
@@ -274,6 +274,11 @@ class Result(NotebookDisplay):
         Raises:
             ArgumentError: the problem is not known.
             InputError: the data do not have the inputs of the function.
+
+        >>> from kennfeld import calibrate
+        >>> result = calibrate("y = k * x", {"x": [1.0, 2.0], "m": [2.0, 4.0]}, {"k": 0.0}, target="m")
+        >>> result.simulate({"x": [3.0]})["y"].values.round(6)
+        array([6.])
         """
         own = self._problem(problem)
         if data is not None:
