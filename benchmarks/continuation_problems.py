@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.constraints import Pin
 from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Curve, Map, Parameter
+from kennfeld.domain.parameters import Curve, Map, Parameter
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.problem.setup import ProblemSetup
 from kennfeld.optimize.search.starts import draw_start

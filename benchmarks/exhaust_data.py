@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.dataset import Channel, Dataset
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Curve, Map
+from kennfeld.domain.parameters import Curve, Map
 
 __all__ = [
     *("AIR", "COLUMNS", "FORMULAS", "FUEL", "NOISE", "SPEED"),

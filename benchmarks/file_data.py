@@ -15,8 +15,9 @@ CHANNELS = (*(f"fast{i}" for i in range(3)), *(f"medium{i}" for i in range(10)),
 def write_calibration(path: Path) -> None:
     """5000 maps of 16 x 16, in the format that the ending says."""
     from kennfeld.calfiles import write
+    from kennfeld.domain.axis import Axis
     from kennfeld.domain.parameter_set import ParameterSet
-    from kennfeld.domain.parameters import Axis, Map
+    from kennfeld.domain.parameters import Map
 
     random = np.random.default_rng(0)
     speed = Axis(600 + 400.0 * np.arange(16), unit="rpm")

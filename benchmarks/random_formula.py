@@ -4,8 +4,9 @@ import random
 
 import numpy as np
 
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Curve, Map, Parameter, Scalar
+from kennfeld.domain.parameters import Curve, Map, Parameter, Scalar
 
 __all__ = ["INPUTS", "parameters", "text"]
 

@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Curve, Map
+from kennfeld.domain.parameters import Curve, Map
 from kennfeld.project.demo import torque
 from kennfeld.project.demo.petrol_engine import torque as engine_torque
 

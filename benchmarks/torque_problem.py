@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis
 from kennfeld.project.demo import torque
 
 __all__ = ["NAMES", "PIN", "Cells", "TorqueProblem", "problem"]

@@ -11,8 +11,10 @@ from fuzz_models import classes, components, fmus, functions, models, stored_net
 from fuzz_recordings import bus_logs, diadem, recordings
 from fuzz_sample import Sample
 
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Block, Cube, Curve, Map, Parameter, Scalar, Text
+from kennfeld.domain.parameters import Block, Cube, Curve, Map, Parameter, Scalar
+from kennfeld.domain.texts import Text
 
 ROOT = Path(__file__).parents[1]
 LARGEST = 300_000  # bytes of a real file that is damaged as well

@@ -15,21 +15,13 @@ from typing import Any
 
 from kennfeld.preprocessing.recipe import DatasetEntry
 from kennfeld.project import schemas
+from kennfeld.project.criteria_schema import CriterionEntry, EqualityEntry, LimitEntry
 from kennfeld.project.design_table import CurveEntry, DesignEntry, ManoeuvreEntry
 from kennfeld.project.forms import entry_schema, form_of, keys_of, meaning_of
 from kennfeld.project.key_descriptions import default_text
-from kennfeld.project.schema import (
-    CalibrationEntry,
-    ClusterEntry,
-    CriterionEntry,
-    EqualityEntry,
-    LimitEntry,
-    ModelEntry,
-    OptimizerEntry,
-    ProjectFile,
-    ReportEntry,
-    StepEntry,
-)
+from kennfeld.project.model_schema import ModelEntry
+from kennfeld.project.run_schema import CalibrationEntry, ClusterEntry, OptimizerEntry, ReportEntry, StepEntry
+from kennfeld.project.schema import ProjectFile
 from kennfeld.project.surrogate_training import SurrogateEntry, TrainingFile
 from kennfeld.project.table_schema import GroupAxisEntry, ParameterEntry
 

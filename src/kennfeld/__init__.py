@@ -25,12 +25,14 @@ if TYPE_CHECKING:
     from kennfeld.base.errors import ArgumentError, Finding, InputError, InputWarning, KennfeldError
     from kennfeld.calfiles import read as read_parameters
     from kennfeld.design import design
+    from kennfeld.domain.axis import Axis
     from kennfeld.domain.constraints import Equality, Limit, Pin, Shape, Term
     from kennfeld.domain.criteria import Criterion, Region, Target
     from kennfeld.domain.dataset import Channel, Dataset, Settling
     from kennfeld.domain.parameter_set import ParameterSet
-    from kennfeld.domain.parameters import Axis, Block, Cube, Curve, Map, Parameter, Scalar, Text
+    from kennfeld.domain.parameters import Block, Cube, Curve, Map, Parameter, Scalar
     from kennfeld.domain.rbf import RBF, Expansion
+    from kennfeld.domain.texts import Text
     from kennfeld.export.api import Export, export_function
     from kennfeld.graph import Graph
     from kennfeld.importers.ascet.importing import esdl, import_esdl
@@ -147,6 +149,7 @@ _NAMES = {
     "analysis.validation_result": "CrossValidation",
     "calfiles": "read_parameters",
     "design.api": "design",
+    "domain.axis": "Axis",
     "domain.constraints": "Equality Limit Pin Shape Term",
     "domain.criteria": "Criterion Region Target",
     "domain.dataset": "Channel Dataset Settling",
@@ -165,9 +168,10 @@ _NAMES = {
     "optimize": "Options Problem Quality RecordingQuality Result Step Stop TraceLine Trust calibrate simulate",
     "optimize.api": "problem",
     "domain.parameter_set": "ParameterSet",
-    "domain.parameters": "Axis Block Cube Curve Map Parameter Scalar Text",
+    "domain.parameters": "Block Cube Curve Map Parameter Scalar",
     "project": "Project",
     "domain.rbf": "RBF Expansion",
+    "domain.texts": "Text",
     "surrogate": "DynamicSurrogate FilteredSurrogate StaticSurrogate read_surrogate write_surrogate",
     "surrogate.rbf_fit": "compress_map",
     "surrogate.training": "SurrogateSettings train_surrogate",

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from kennfeld.app.session.lookup_index import LookupIndex
-from kennfeld.domain.parameters import Axis, parameter
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import parameter
 from kennfeld.graph.interpolation import position
 from kennfeld.optimize.quality.lookup_coverage import Lookup
 

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from kennfeld.calfiles.a2l.conversion import conversion_of, parse_formula
 from kennfeld.calfiles.a2l.syntax import A2lError
-from kennfeld.domain.parameters import Text
+from kennfeld.domain.texts import Text
 from tests.calfiles.a2l_files import label, layout, method, module, parsed, read, write
 from tests.draws import few_or_many
 

@@ -11,7 +11,8 @@ from kennfeld.calfiles.a2l.reader import read_parameters
 from kennfeld.calfiles.a2l.writer import write_values
 from kennfeld.calfiles.format import FileFindings
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Curve, Map, Scalar, Text
+from kennfeld.domain.parameters import Curve, Map, Scalar
+from kennfeld.domain.texts import Text
 from tests.calfiles.a2l_files import (
     ADDRESS,
     axis,

@@ -14,7 +14,8 @@ from kennfeld.calfiles.amd.reader import read_amd
 from kennfeld.calfiles.amd.update import write_amd
 from kennfeld.calfiles.format import CalibrationSource
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Curve, Scalar, Text
+from kennfeld.domain.parameters import Curve, Scalar
+from kennfeld.domain.texts import Text
 from kennfeld.files.calibrations import AMD
 from kennfeld.files.identification import identify
 from tests.draws import few_or_many

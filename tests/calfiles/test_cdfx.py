@@ -7,8 +7,10 @@ import pytest
 
 from kennfeld.base.errors import InputError
 from kennfeld.calfiles import describe, read, write
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
+from kennfeld.domain.parameters import Block, Cube, Curve, Map, Scalar
+from kennfeld.domain.texts import Text
 
 HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n'
 FRAME = (

@@ -4,8 +4,10 @@ from hypothesis import strategies as st
 
 from kennfeld.base.errors import ArgumentError
 from kennfeld.calfiles import Comparison, Difference, Tolerance, changed, compare, read
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Block, Curve, Map, Scalar, Text
+from kennfeld.domain.parameters import Block, Curve, Map, Scalar
+from kennfeld.domain.texts import Text
 from tests.calfiles.calibration_sets import parameter_sets
 from tests.draws import few_or_many
 

@@ -3,7 +3,9 @@ import pytest
 
 from kennfeld.base.errors import InputError
 from kennfeld.calfiles import describe, read
-from kennfeld.domain.parameters import Axis, Block, Curve, Map, Scalar, Text
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Block, Curve, Map, Scalar
+from kennfeld.domain.texts import Text
 
 HEAD = "KONSERVIERUNG_FORMAT 2.0\n\n"
 

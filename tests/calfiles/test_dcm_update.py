@@ -7,8 +7,9 @@ import pytest
 from hypothesis import strategies as st
 
 from kennfeld.calfiles import merge, read, write
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Curve, Map, Scalar
+from kennfeld.domain.parameters import Curve, Map, Scalar
 from tests.calfiles.calibration_sets import parameter_sets
 from tests.draws import few_or_many
 

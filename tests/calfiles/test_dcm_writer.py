@@ -3,8 +3,10 @@ import pytest
 
 from kennfeld.base.errors import InputError
 from kennfeld.calfiles import read, write
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
+from kennfeld.domain.parameters import Block, Cube, Curve, Map, Scalar
+from kennfeld.domain.texts import Text
 
 SPEED = Axis([700, 1000], unit="rpm", name="AxisSpeed")
 

@@ -12,8 +12,10 @@ import xlsxwriter
 from kennfeld.base.errors import InputError
 from kennfeld.calfiles import describe, read, write
 from kennfeld.calfiles.excel.layout import holds_calibration, sheet_names
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
+from kennfeld.domain.parameters import Block, Cube, Curve, Map, Scalar
+from kennfeld.domain.texts import Text
 from kennfeld.files.head import read_head
 
 SPEED = Axis([700, 1000, 1500], "n", "rpm", "AxisSpeed")

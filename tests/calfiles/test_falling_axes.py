@@ -12,7 +12,8 @@ from kennfeld import ParameterSet, read_parameters
 from kennfeld.base.errors import InputError
 from kennfeld.calfiles import compare, describe, losses, merge, write
 from kennfeld.calfiles.loss_report import find_losses
-from kennfeld.domain.parameters import Axis, Curve, Map, parameter
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Curve, Map, parameter
 from tests.calfiles import a2l_files
 from tests.calfiles.stored_tables import STORED_IN
 from tests.draws import few_or_many

@@ -7,8 +7,10 @@ import pytest
 import kennfeld.calfiles
 from kennfeld.base.errors import ArgumentError, InputError, InputWarning
 from kennfeld.calfiles import describe, endings, read, write
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Curve, Scalar, Text
+from kennfeld.domain.parameters import Curve, Scalar
+from kennfeld.domain.texts import Text
 
 ONE = ParameterSet([Scalar("K", 2.0)])
 

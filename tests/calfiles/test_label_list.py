@@ -8,8 +8,9 @@ from kennfeld import cli
 from kennfeld.base.errors import InputError
 from kennfeld.calfiles import compare
 from kennfeld.calfiles.label_list import parse_label_list, read_label_list, write_label_list
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Curve, Scalar
+from kennfeld.domain.parameters import Curve, Scalar
 
 INCA = """\
 [SETTINGS]

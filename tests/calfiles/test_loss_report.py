@@ -5,8 +5,11 @@ import pytest
 
 from kennfeld.base.errors import ArgumentError, InputError
 from kennfeld.calfiles import losses, read, write
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Cube, Curve, Map, Scalar, Text
+from kennfeld.domain.parameters import Block, Cube, Curve, Map, Scalar
+from kennfeld.domain.texts import Text
+from kennfeld.files.formats import calibration_formats
 
 ENDINGS = (".json", ".csv", ".cdfx", ".dcm", ".xlsx", ".m", ".mat")
 LOAD = Axis([0, 1], unit="%")
@@ -49,6 +52,30 @@ def test_every_aspect_is_restored_refused_or_reported(tmp_path, ending, item):
         return  # refused with a finding, which is loud enough
     warnings = losses(members, path)
     assert (read(path).everything == members.everything) != bool(warnings), warnings
+
+
+CONTENTS = {
+    "cubes": (Cube("Q", [LOAD, LOAD, GROUP], np.zeros((2, 2, 3))), Block("B", np.zeros((2, 2, 2)))),
+    "missing values": (Scalar("K", np.nan),),
+    "infinities": (Scalar("K", np.inf), Curve("C", [0, 1], [1, -np.inf])),
+}
+
+
+def is_written(item, path):
+    try:
+        write(set_of(item), path)
+    except InputError:
+        return False
+    return True
+
+
+@pytest.mark.parametrize("known", calibration_formats(), ids=lambda known: known.name)
+def test_the_record_of_a_format_names_what_no_new_file_can_hold(tmp_path, known):
+    path, converter = tmp_path / f"a{(known.calibration.endings or known.endings)[0]}", known.calibration
+    assert is_written(Scalar("K", 1.0), path) != converter.copies
+    if not converter.copies:
+        kept = {content: {is_written(item, path) for item in items} for content, items in CONTENTS.items()}
+        assert kept == {content: {content not in converter.refuses} for content in CONTENTS}
 
 
 def test_group_axes_with_another_unit_in_a_table_are_reported_for_cvx(tmp_path):

@@ -13,8 +13,10 @@ import scipy
 from kennfeld.base.errors import InputError
 from kennfeld.calfiles import describe, read, write
 from kennfeld.calfiles.matlab_reader import holds_calibration
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Block, Curve, Map, Scalar, Text
+from kennfeld.domain.parameters import Block, Curve, Map, Scalar
+from kennfeld.domain.texts import Text
 from kennfeld.files.containers import MATLAB
 from kennfeld.files.head import FileHead, read_head
 from tests.importers.simulink.simulink_data import Thing, matfile

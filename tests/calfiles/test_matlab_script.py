@@ -8,8 +8,10 @@ import pytest
 from kennfeld.base.errors import InputError
 from kennfeld.calfiles import describe, read, write
 from kennfeld.calfiles.matlab_reader import format_comment, parse_comment
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
+from kennfeld.domain.parameters import Block, Cube, Curve, Map, Scalar
+from kennfeld.domain.texts import Text
 from kennfeld.files.calibrations import SCRIPT
 from kennfeld.files.head import FileHead
 from tests.draws import mostly_slow

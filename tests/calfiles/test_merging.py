@@ -2,8 +2,10 @@ import pytest
 
 from kennfeld.base.errors import InputError
 from kennfeld.calfiles import merge
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Curve, Scalar, Text
+from kennfeld.domain.parameters import Curve, Scalar
+from kennfeld.domain.texts import Text
 from tests.calfiles.calibration_sets import parameter_sets
 from tests.draws import few_or_many
 

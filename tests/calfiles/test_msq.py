@@ -9,8 +9,10 @@ from kennfeld.base.errors import InputError
 from kennfeld.calfiles import describe, merge, read, write
 from kennfeld.calfiles.files import unwritable
 from kennfeld.calfiles.msq.reader import Pair, pairs_of, usual_pairs
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Block, Curve, Map, Scalar, Text
+from kennfeld.domain.parameters import Block, Curve, Map, Scalar
+from kennfeld.domain.texts import Text
 
 TUNE = """<?xml version="1.0" encoding="ISO-8859-1"?>
 <msq xmlns="http://www.msefi.com/:msq">

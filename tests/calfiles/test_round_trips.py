@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from kennfeld.base.errors import InputError
 from kennfeld.calfiles import read, write
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Text
+from kennfeld.domain.texts import Text
 from tests.calfiles.calibration_sets import line_texts, parameter_sets, plain_units
 from tests.draws import few_or_many
 

@@ -7,8 +7,10 @@ import pytest
 
 from kennfeld.base.errors import ArgumentError
 from kennfeld.calfiles import compare, losses, read, write
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Block, Curve, Map, Scalar, Text
+from kennfeld.domain.parameters import Block, Curve, Map, Scalar
+from kennfeld.domain.texts import Text
 
 ENDINGS = (".json", ".csv", ".cdfx", ".dcm", ".xlsx", ".m", ".mat")
 TEXTS = (

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import format_docs
 import numpy as np
 import pytest
 
@@ -62,6 +63,12 @@ def test_the_package_of_the_documentation_reads_its_logs(acme, tmp_path):
     assert recording["y"].values == pytest.approx([2.1, 3, 3.9, 4.95, 6, 7.1, 8.2])
     assert describe_file(path).summary == "drive.acme: measurement (ACME log), 3 channels over 4 samples"
     assert kinds_of(tmp_path, ["drive.acme"]) == {"drive.acme": "recording"}
+
+
+def test_the_package_of_the_documentation_is_listed_beside_the_formats_of_kennfeld(acme):
+    row = "| ACME log | `.acme` | logs of the ACME recorder, version 1 |"
+    listed = format_docs.table("measurements", formats_of_plugins()).split("\n")
+    assert [each for each in listed if each not in format_docs.table("measurements")] == [row]
 
 
 def test_a_project_is_calibrated_on_such_a_log(acme, tmp_path):

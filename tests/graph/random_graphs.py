@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from hypothesis import strategies as st
 
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.criteria import ROBUST_LOSSES
 from kennfeld.domain.free_axes import AxisKey, free_axes, with_breakpoints
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Block, Cube, Curve, Map, Parameter, Scalar
+from kennfeld.domain.parameters import Block, Cube, Curve, Map, Parameter, Scalar
 from kennfeld.domain.rbf import RBF, Expansion
 from kennfeld.graph import OPERATIONS, Graph, GraphBuilder
 from kennfeld.native.rbf_code import KERNELS

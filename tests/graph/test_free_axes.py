@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 
 from kennfeld.base.errors import ArgumentError
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.free_axes import AxisKey, free_axes, key_of, with_breakpoints, with_free_axes
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Curve, Map, Scalar
+from kennfeld.domain.parameters import Curve, Map, Scalar
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.derivative import differentiate
 from kennfeld.graph.interpreter import Interpreter, evaluate

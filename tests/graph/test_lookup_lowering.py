@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from kennfeld.base.errors import ArgumentError
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Block, Cube, Curve, Map, Scalar
+from kennfeld.domain.parameters import Block, Cube, Curve, Map, Scalar
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.lookup_lowering import AxisRef, lower_lookups
 from kennfeld.graph.traversal import dependents, rewrite

@@ -290,3 +290,10 @@ def test_a_date_of_its_own_places_the_time_of_day(csv, rows, seconds):
     text = "Date;Time;rpm\n" + "".join(f"{row};{800 + k}\n" for k, row in enumerate(rows))
     assert read(csv(text)).time.tolist() == seconds
     assert read(csv(text), ["rpm"]).time.tolist() == seconds
+
+
+def test_dates_that_fall_while_the_day_goes_on_are_left_out_of_the_time(csv):
+    data = read(csv("Date;Time;rpm\n03.02.2026;10:00:00;800\n02.02.2026;10:00:01;801\n01.02.2026;10:00:02;802\n"))
+    assert data.time.tolist() == [0, 1, 2]
+    (finding,) = data.findings
+    assert "its dates do not go with the times of day of Time" in finding.message

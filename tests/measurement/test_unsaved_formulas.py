@@ -6,8 +6,9 @@ import pytest
 
 from kennfeld import calfiles
 from kennfeld.base.errors import InputError
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Curve
+from kennfeld.domain.parameters import Curve
 from kennfeld.measurement import describe, read
 
 CELL = '<c r="{0}"><v>{1}</v></c>'

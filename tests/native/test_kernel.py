@@ -2,9 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.free_axes import free_axes
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Curve, Scalar
+from kennfeld.domain.parameters import Curve, Scalar
 from kennfeld.graph import GraphBuilder
 from tests.native.models import case, coupled, delayed, lag, static
 from tests.native.reference import compiled

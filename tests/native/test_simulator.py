@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from kennfeld.base.errors import ArgumentError
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Curve, Scalar
+from kennfeld.domain.parameters import Curve, Scalar
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.graph.lookup_lowering import lower_lookups

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Block, Curve, Map, parameter
+from kennfeld.domain.parameters import Block, Curve, Map, parameter
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.graph.lookup_lowering import lower_lookups

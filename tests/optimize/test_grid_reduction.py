@@ -6,9 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import kennfeld as kf
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.constraints import Equality, Term
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Map
+from kennfeld.domain.parameters import Map
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.problem.table_penalties import Roughness
 from kennfeld.optimize.search.step_problem import (

@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.free_axes import AxisKey, with_breakpoints
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Curve, Map
+from kennfeld.domain.parameters import Curve, Map
 from kennfeld.graph.value_layout import ValueLayout
 from kennfeld.optimize.problem.table_penalties import MovingRoughness, Roughness, roughness_of
 from tests.draws import few_or_many

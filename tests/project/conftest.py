@@ -9,8 +9,9 @@ import pytest
 
 import kennfeld.calfiles  # noqa: F401  registers the writer of parameter sets
 from kennfeld.base.errors import Finding, InputError
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Curve, Scalar
+from kennfeld.domain.parameters import Curve, Scalar
 from kennfeld.project import Project
 from kennfeld.project.section import KeyLocation
 from tests.project.cluster_processes import Cluster

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from kennfeld import ParameterSet, cli, read_parameters
-from kennfeld.domain.parameters import Axis, Curve, Map
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Curve, Map
 from kennfeld.optimize.search.problem_digest import problem_digest
 from kennfeld.project import Project
 from tests.calfiles.stored_tables import STORED_IN

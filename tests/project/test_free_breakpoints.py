@@ -8,7 +8,8 @@ import pytest
 
 from kennfeld.analysis.limit_margins import active_constraints
 from kennfeld.calfiles import read as read_parameters
-from kennfeld.domain.parameters import Axis, Curve, Scalar
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Curve, Scalar
 from kennfeld.project.results import write
 
 

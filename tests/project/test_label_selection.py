@@ -3,7 +3,8 @@
 import pytest
 
 from kennfeld.calfiles.label_list import read_label_list
-from kennfeld.domain.parameters import Axis, Curve, Scalar
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Curve, Scalar
 from kennfeld.project.results import write
 
 

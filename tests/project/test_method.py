@@ -2,7 +2,8 @@
 
 import pytest
 
-from kennfeld.domain.parameters import Axis, Curve, Scalar
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Curve, Scalar
 
 RELAY = """
 input Speed[rpm]

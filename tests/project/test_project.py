@@ -10,9 +10,10 @@ import pytest
 
 from kennfeld.base.errors import InputError
 from kennfeld.calfiles import read as read_parameters
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Curve, Map, Scalar
+from kennfeld.domain.parameters import Curve, Map, Scalar
 from kennfeld.project import Project
 from kennfeld.project.demo import torque
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from kennfeld.domain.parameters import Axis, Curve, Scalar
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Curve, Scalar
 from kennfeld.project import Project
 
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from kennfeld.domain.parameters import Axis, Block, Curve, Map, Scalar
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Block, Curve, Map, Scalar
 from kennfeld.domain.rbf import RBF, Expansion
 from kennfeld.project import Project
 

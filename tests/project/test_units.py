@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from kennfeld.domain.parameters import Axis, Curve, Scalar
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Curve, Scalar
 
 SPEED = np.array([1000.0, 1500, 2000, 2500, 3000, 1200])
 OMEGA = SPEED * np.pi / 30

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from kennfeld import Curve, ParameterSet, Scalar, read_parameters
-from kennfeld.domain.parameters import Axis
+from kennfeld.domain.axis import Axis
 from kennfeld.project import Project
 
 TOML = """\

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
+from kennfeld.base.errors import visible
 from kennfeld.base.markup import decimal, element, percent, round_digits, table
 from kennfeld.report.drawings import Histogram, Trace, TraceEnvelope, sample_indices
 
@@ -80,7 +81,7 @@ def test_markup_escapes_its_content(text, title):
 
     created = element("p", text, title=title)
     assert created.count("<") == 2
-    assert html.unescape(created) == f'<p title="{title}">{text}</p>'
+    assert html.unescape(created) == f'<p title="{visible(title)}">{visible(text)}</p>'
 
 
 def test_a_table_aligns_numbers_to_the_right():

@@ -2,7 +2,8 @@ from pathlib import Path
 
 from kennfeld.calfiles import compare, merge
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Curve, Scalar, Text
+from kennfeld.domain.parameters import Curve, Scalar
+from kennfeld.domain.texts import Text
 from kennfeld.terminal.diff_lines import change_lines, difference_lines, file_labels
 
 LEFT = ParameterSet([Scalar("K", 1.5, unit="Nm"), Curve("C", [1, 2], [3, 4]), Scalar("Old", 1)], [Text("T", "a\nb")])

@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from kennfeld.base.arrays import Float
+from kennfeld.base.errors import visible
 
 MISSING = "–"
 
@@ -103,8 +104,12 @@ class Html(str):
 
 
 def element(tag: str, /, *children: Child, **attributes: str | float | bool | None) -> Html:
-    """Return an element; `class_` is written `class`, `data_x` is `data-x`, None omits a child or an attribute.
+    r"""Return an element; `class_` is written `class`, `data_x` is `data-x`, None omits a child or an attribute.
 
+    Characters that cannot be seen are escaped as on a terminal: HTML allows no control characters.
+
+    >>> element("b", "Speed\x1b")
+    '<b>Speed\\u001b</b>'
     >>> element("p", "a < b", class_="note")
     '<p class="note">a &lt; b</p>'
     """
@@ -112,14 +117,18 @@ def element(tag: str, /, *children: Child, **attributes: str | float | bool | No
     for key, value in attributes.items():
         if value is not None and value is not False:
             start += f" {key.rstrip('_').replace('_', '-')}"
-            start += "" if value is True else f'="{html.escape(str(value))}"'
+            start += "" if value is True else f'="{_text(str(value))}"'
     return Html(f"<{start}>" if tag in _VOID else f"<{start}>{_escape(children)}</{tag}>")
 
 
 def _escape(child: Child) -> str:
     if child is None or isinstance(child, Html):
         return child or ""
-    return html.escape(child) if isinstance(child, str) else "".join(map(_escape, child))
+    return _text(child) if isinstance(child, str) else "".join(map(_escape, child))
+
+
+def _text(text: str) -> str:
+    return html.escape(visible(text))
 
 
 def note(text: str) -> Html:

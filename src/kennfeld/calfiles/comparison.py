@@ -11,9 +11,11 @@ from kennfeld.base.arrays import Bool, Float
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.formatting import count_noun, size_text
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.axis import AXIS_LETTERS, Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import AXIS_LETTERS, Axis, Parameter, Text
+from kennfeld.domain.parameters import Parameter
 from kennfeld.domain.rbf import RBF
+from kennfeld.domain.texts import Text
 
 _Item = Parameter | Text | Axis
 

@@ -11,7 +11,9 @@ import numpy as np
 from kennfeld.base.arrays import Float
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.format import FileFindings, Item, Key
-from kennfeld.domain.parameters import Axis, Parameter, Text
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Parameter
+from kennfeld.domain.texts import Text
 
 
 @dataclass

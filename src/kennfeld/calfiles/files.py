@@ -15,8 +15,10 @@ from kennfeld.base.garbage_collection import no_collection
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.streams import Source, local_file
 from kennfeld.calfiles.format import CalibrationSource, Item, ReadResult, WriteResult
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Parameter, Text
+from kennfeld.domain.parameters import Parameter
+from kennfeld.domain.texts import Text
 from kennfeld.files.descriptions import A2L, A2L_FRAGMENT, fragment_of_a2l
 from kennfeld.files.file_format import CalibrationConverter, FileFormat, Role, call
 from kennfeld.files.formats import BINARY, XML, calibration_formats

@@ -7,8 +7,10 @@ from pathlib import Path
 
 from kennfeld.base.errors import Finding, Findings, Location
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Parameter, Text
+from kennfeld.domain.parameters import Parameter
+from kennfeld.domain.texts import Text
 from kennfeld.files.encoding import detect_encoding
 from kennfeld.files.head import HEAD_SIZE
 

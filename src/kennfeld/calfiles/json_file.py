@@ -24,9 +24,11 @@ from kennfeld.base.errors import ArgumentError
 from kennfeld.base.formatting import nearest
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, ReadResult
 from kennfeld.calfiles.storable import report_repeated
+from kennfeld.domain.axis import AXIS_LETTERS, Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import AXIS_LETTERS, LABELS, Axis, Block, Parameter, Text, TextKind, parameter
+from kennfeld.domain.parameters import LABELS, Block, Parameter, parameter
 from kennfeld.domain.rbf import RBF, Expansion
+from kennfeld.domain.texts import Text, TextKind
 
 _TABLES = {"scalar": "", "curve": "x", "map": "xy", "cube": "xyzw"}
 _PARTS = ("offset", "slopes", "weights", "centres", "widths")

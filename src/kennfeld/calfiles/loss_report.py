@@ -8,8 +8,9 @@ from kennfeld.base.errors import Finding
 from kennfeld.base.formatting import count_labels, holds_control_characters
 from kennfeld.calfiles.format import FileFindings, Item
 from kennfeld.calfiles.verbal_values import warn_about_kinds
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Parameter
+from kennfeld.domain.parameters import Parameter
 
 _USE_JSON = "Write it as .json to keep them."
 _USE_PROJECT = "Keep them in a project file."

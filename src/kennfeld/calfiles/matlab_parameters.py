@@ -18,8 +18,10 @@ from kennfeld.base.formatting import count_noun, join_names, size_text
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.content import describe_fall, drop_trailing_ones, in_rising_order, turn
 from kennfeld.calfiles.format import FileFindings, Item, Key, build_set
+from kennfeld.domain.axis import AXIS_LETTERS, Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import AXIS_LETTERS, Axis, Block, Scalar, Text, TextKind, parameter
+from kennfeld.domain.parameters import Block, Scalar, parameter
+from kennfeld.domain.texts import Text, TextKind
 
 INFO = "kennfeld_info"  # the struct that says more about variables which are plain numbers
 _VALUES = ("values", "value", "data", "table", "tabledata")

@@ -13,7 +13,7 @@ from kennfeld.base.file_state import note_opened
 from kennfeld.base.formatting import reason_of
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, ReadResult
 from kennfeld.calfiles.matlab_parameters import INFO, StructValue, UnreadableObject, Value, holds_samples, parameters_of
-from kennfeld.domain.parameters import AXIS_LETTERS
+from kennfeld.domain.axis import AXIS_LETTERS
 from kennfeld.files.calibrations import SCRIPT_TITLE
 from kennfeld.files.head import FileHead
 from kennfeld.matlab import values as m

@@ -13,8 +13,10 @@ from kennfeld.calfiles.format import FileFindings, Item, WriteResult
 from kennfeld.calfiles.matlab_parameters import INFO, StructValue, Value
 from kennfeld.calfiles.matlab_reader import format_comment
 from kennfeld.calfiles.storable import USE_JSON, report_repeated_variables
+from kennfeld.domain.axis import AXIS_LETTERS
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import AXIS_LETTERS, LABELS, Text
+from kennfeld.domain.parameters import LABELS
+from kennfeld.domain.texts import Text
 from kennfeld.files.calibrations import SCRIPT_TITLE
 from kennfeld.matlab.variable_names import KEYWORDS, variable_name
 

@@ -10,8 +10,10 @@ from kennfeld.base.formatting import count_labels
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.comparison import Difference, compare
 from kennfeld.calfiles.format import Item
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Parameter, Text
+from kennfeld.domain.parameters import Parameter
+from kennfeld.domain.texts import Text
 
 
 @dataclass(frozen=True)

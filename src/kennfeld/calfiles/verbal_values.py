@@ -6,7 +6,8 @@ from typing import TypeVar
 
 from kennfeld.calfiles.format import FileFindings
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Parameter, Text, TextKind
+from kennfeld.domain.parameters import Parameter
+from kennfeld.domain.texts import Text, TextKind
 
 _BOOLEAN = frozenset({"true", "false"})
 _Item = TypeVar("_Item", bound=Parameter | Text)

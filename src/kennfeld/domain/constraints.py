@@ -9,7 +9,7 @@ from kennfeld.base.arrays import ArrayLike
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.numeric import array, number
-from kennfeld.domain.parameters import AXIS_LETTERS
+from kennfeld.domain.axis import AXIS_LETTERS
 
 AxisLetter = Literal["x", "y", "z", "w"]
 UNBOUNDED = float("inf")

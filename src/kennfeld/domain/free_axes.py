@@ -11,8 +11,9 @@ from kennfeld.base.arrays import Float
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.formatting import join_names, nearest
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.axis import AXIS_LETTERS, Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import AXIS_LETTERS, Axis, Parameter
+from kennfeld.domain.parameters import Parameter
 
 AXIS_LABEL = "axis "  # before the name of an axis among the values of tables; no parameter has such a name
 

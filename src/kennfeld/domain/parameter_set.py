@@ -13,8 +13,10 @@ from kennfeld.base.errors import ArgumentError
 from kennfeld.base.formatting import count_noun, join_names, nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.notebook_display import NotebookDisplay
+from kennfeld.domain.axis import AXIS_LETTERS, Axis
 from kennfeld.domain.data_frames import column_frame
-from kennfeld.domain.parameters import AXIS_LETTERS, Axis, Parameter, Text
+from kennfeld.domain.parameters import Parameter
+from kennfeld.domain.texts import Text
 
 MAX_NAMES = 6  # of members that a text shows
 

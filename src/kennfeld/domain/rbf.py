@@ -14,7 +14,8 @@ import numpy as np
 from kennfeld.base.arrays import ArrayLike, Float, readonly
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.domain.parameters import Axis, Parameter, ParameterAttributes
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Parameter, ParameterAttributes
 
 BELLS_PER_BLOCK = 1 << 18  # 2 MB, which stays in the cache
 MAX_DISTANCE = 1e3  # widths from a centre; the bell is exactly 0 long before

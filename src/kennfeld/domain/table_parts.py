@@ -5,7 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from kennfeld.base.arrays import Bool
-from kennfeld.domain.parameters import AXIS_LETTERS, Parameter
+from kennfeld.domain.axis import AXIS_LETTERS
+from kennfeld.domain.parameters import Parameter
 
 Range = Mapping[str, tuple[float, float]]  # by direction, both ends included
 

@@ -10,9 +10,9 @@ from kennfeld.base.arrays import Float
 from kennfeld.base.errors import Findings, InputError, Location, visible
 from kennfeld.base.formatting import join_names, nearest, one_line
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.axis import AXIS_LETTERS
 from kennfeld.domain.free_axes import free_axes
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import AXIS_LETTERS
 from kennfeld.export.names import NameSpace, function_name, member_names
 from kennfeld.graph import Graph, Node
 from kennfeld.graph.derivative import differentiate

@@ -1,6 +1,7 @@
 """Formats of calibration files; workbooks and MATLAB's data files are among the containers."""
 
 import re
+from typing import Any
 
 from kennfeld.files.file_format import (
     CalibrationConverter,
@@ -19,6 +20,7 @@ SCRIPT_TITLE = "% Kennfeld calibration"
 
 # what formats lack, by the keys of `calfiles.loss_report`; no file of values holds the settings of a calibration
 _SETTINGS = ("bounds", "locks", "free axes")
+_NOT_FINITE = ("missing values", "infinities")
 _PLAIN = ("inputs", "extrapolation", "line breaks", *_SETTINGS)
 _DCM = ("kinds", *_PLAIN)
 _CVX = ("kinds", "descriptions", "group units", *_PLAIN)
@@ -63,36 +65,61 @@ def _is_script(head: FileHead) -> bool:
     return False
 
 
-def _convert_by(read: str, write: str, lacks: tuple[str, ...] = (), label: str = "") -> CalibrationConverter:
+def _convert_by(read: str, write: str, lacks: tuple[str, ...] = (), **settings: Any) -> CalibrationConverter:
     """Return the converter whose functions are in modules of `kennfeld.calfiles`."""
-    return CalibrationConverter(f"kennfeld.calfiles.{read}", f"kennfeld.calfiles.{write}", lacks, label=label)
+    return CalibrationConverter(f"kennfeld.calfiles.{read}", f"kennfeld.calfiles.{write}", lacks, **settings)
 
 
 JSON = FileFormat(
     "JSON",
     (".json",),
     reads_as("{"),
-    calibration=_convert_by("json_file:read_json", "json_file:write_json", ("infinities", *_SETTINGS)),
+    calibration=_convert_by(
+        "json_file:read_json",
+        "json_file:write_json",
+        ("infinities", *_SETTINGS),
+        notes="the format of `parameters.json`, which every run writes; see [below](#json)",
+    ),
 )
 CVX = FileFormat(
     "CVX",
     (".csv",),
     reads_as("calibration values v"),
     description="a CVX calibration file",
-    calibration=_convert_by("cvx.reader:read_cvx", "cvx.writer:write_cvx", _CVX, "CVX (INCA's CSV)"),
+    calibration=_convert_by(
+        "cvx.reader:read_cvx",
+        "cvx.writer:write_cvx",
+        _CVX,
+        label="CVX (INCA's CSV)",
+        refuses=("cubes", *_NOT_FINITE),
+        notes="INCA's calibration values as CSV, with functions, variants and display identifiers; cuboids are skipped",
+    ),
 )
 CDFX = FileFormat(
     "CDFX",
     (".cdfx",),
     has_root("MSRSW"),
-    calibration=_convert_by("cdfx.reader:read_cdfx", "cdfx.writer:write_cdfx", _PLAIN),
+    calibration=_convert_by(
+        "cdfx.reader:read_cdfx",
+        "cdfx.writer:write_cdfx",
+        _PLAIN,
+        refuses=_NOT_FINITE,
+        notes="ASAM CDF 2.0: scalars, blocks, curves, maps, cubes, common axes, texts, functions, display names, "
+        "variants; see [below](#cdfx)",
+    ),
 )
 DCM = FileFormat(
     "DCM",
     (".dcm",),
     holds_line(_DCM_LINE),
     description="a DCM calibration file",
-    calibration=_convert_by("dcm.reader:read_dcm", "dcm.update:write_dcm", _DCM),
+    calibration=_convert_by(
+        "dcm.reader:read_dcm",
+        "dcm.update:write_dcm",
+        _DCM,
+        refuses=("cubes", *_NOT_FINITE),
+        notes="versions 1 and 2: scalars, blocks, curves, maps, fixed and group axes, texts; see [below](#dcm)",
+    ),
 )
 IMAGE = FileFormat(
     "Intel HEX or S-records",
@@ -102,38 +129,71 @@ IMAGE = FileFormat(
         "a2l.image_files:read_flash",
         "a2l.image_files:write_flash",
         label="Intel HEX or S-records with an A2L file",
+        copies=True,
+        notes="a memory image, described by an A2L file; see [below](#a2l-and-images)",
     ),
 )
 MSQ = FileFormat(
     "MSQ",
     (".msq",),
     has_root("msq"),
-    calibration=_convert_by("msq.reader:read_msq", "msq.update:write_msq", label="MSQ (TunerStudio)"),
+    calibration=_convert_by(
+        "msq.reader:read_msq",
+        "msq.update:write_msq",
+        label="MSQ (TunerStudio)",
+        copies=True,
+        notes="tunes of MegaSquirt, Speeduino, rusEFI; see [below](#msq)",
+    ),
 )
 PAR = FileFormat(
     "PAR",
     (".par",),
     matches(_PAR_TITLE),
     description="a parameter file of CANape",
-    calibration=_convert_by("par.reader:read_par", "par.update:write_par", label="PAR (CANape)"),
+    calibration=_convert_by(
+        "par.reader:read_par",
+        "par.update:write_par",
+        label="PAR (CANape)",
+        copies=True,
+        notes="parameter files of CANape, versions 3.1 and 3.2; see [below](#par)",
+    ),
 )
 ESDL = FileFormat(
     "ESDL",
     (".esdl",),
     matches(_ESDL_PACKAGE),
-    calibration=_convert_by("esdl.reader:read_esdl", "esdl.update:write_esdl", label="ESDL (ASCET)"),
+    calibration=_convert_by(
+        "esdl.reader:read_esdl",
+        "esdl.update:write_esdl",
+        label="ESDL (ASCET)",
+        copies=True,
+        notes="characteristics of ASCET classes; see [below](#esdl)",
+    ),
     role=Role.PROGRAM,
+    notes="classes and data interfaces of ASCET-DEVELOPER 7",
 )
 AMD = FileFormat(
     "ASCET component",
     (".axl", ".amd"),
     _is_amd,
-    calibration=_convert_by("amd.reader:read_amd", "amd.update:write_amd", label="AXL and AMD (ASCET 6)"),
+    calibration=_convert_by(
+        "amd.reader:read_amd",
+        "amd.update:write_amd",
+        label="AXL and AMD (ASCET 6)",
+        copies=True,
+        notes="parameters of components of ASCET 5 and 6 (`.axl`, `.data.amd`); see [below](#axl-and-amd)",
+    ),
     role=Role.PROGRAM,
+    notes="components of ASCET 5 and 6, and archives of them",
 )
 SCRIPT = FileFormat(
     "MATLAB script",
     (".m",),
     _is_script,
-    calibration=_convert_by("matlab_reader:read_script", "matlab_writer:write_script", ("extrapolation", *_SETTINGS)),
+    calibration=_convert_by(
+        "matlab_reader:read_script",
+        "matlab_writer:write_script",
+        ("extrapolation", *_SETTINGS),
+        notes="scripts of assignments; see [below](#matlab-1)",
+    ),
 )

@@ -44,23 +44,34 @@ EXCEL = FileFormat(
     "Excel",
     (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods"),
     _is_excel,
-    read_recording("excel", has_sheets=True),
+    read_recording("excel", has_sheets=True, notes="`book.xlsx#Sheet` selects a sheet; see [below](#workbooks)"),
     CalibrationConverter(
         "kennfeld.calfiles.excel.reader:read_excel",
         "kennfeld.calfiles.excel.writer:write_excel",
         _RICH,
         endings=(".xlsx",),
+        refuses=("missing values", "infinities"),
+        notes="a workbook with one sheet per table; see [below](#excel)",
     ),
     holds_calibration="kennfeld.calfiles.excel.layout:holds_calibration",
 )
 _MAT_CONVERTER = CalibrationConverter(
-    "kennfeld.calfiles.matlab_reader:read_mat", "kennfeld.calfiles.matlab_writer:write_mat", _RICH
+    "kennfeld.calfiles.matlab_reader:read_mat",
+    "kennfeld.calfiles.matlab_writer:write_mat",
+    _RICH,
+    notes="data files, versions 4 to 7.3; see [below](#matlab-1)",
 )
 MATLAB = FileFormat(
     "MATLAB data",
     (".mat",),
     _is_matlab,
-    read_recording("matlab", rasters=True, describes=True),
+    read_recording(
+        "matlab",
+        rasters=True,
+        describes=True,
+        label="MATLAB",
+        notes="versions 4 to 7.3: vectors, matrices, structs, tables, timetables; see [below](#matlab)",
+    ),
     _MAT_CONVERTER,
     holds_calibration="kennfeld.calfiles.matlab_reader:holds_calibration",
 )
@@ -68,7 +79,13 @@ HDF5 = FileFormat(
     "HDF5",
     (".h5", ".hdf5", ".nc"),
     starts_with(b"\x89HDF\r\n"),
-    read_recording("hdf5", rasters=True, describes=True),
+    read_recording(
+        "hdf5",
+        rasters=True,
+        describes=True,
+        label="HDF5 and netCDF 4",
+        notes="also netCDF of version 4, and DataFrames of pandas; see [below](#hdf5-and-netcdf)",
+    ),
     CalibrationConverter("kennfeld.calfiles.matlab_reader:read_mat"),
     holds_calibration="kennfeld.calfiles.matlab_reader:holds_calibration",
 )

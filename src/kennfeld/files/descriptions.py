@@ -15,6 +15,7 @@ _DBC_VERSION = matches(re.compile(r"\s*VERSION\s+\""))
 _DBC_LINE = holds_line(r"NS_\s*:|BU_\s*:|BO_\s+\d+\s")
 _SYM_TITLE = re.compile(r"\s*FormatVersion\s*=", re.IGNORECASE)
 _DESCRIBE_A2L = "kennfeld.calfiles.file_info:describe_a2l_file"
+_BY_CANMATRIX = "needs the extra `bus`"
 _HOW_TO_DECODE = "Name a bus log and the database that decodes it: `kennfeld info drive.mf4 --dbc engine.dbc`."
 
 
@@ -33,7 +34,7 @@ def fragment_of_a2l(text: str) -> tuple[str, str] | None:
     return message, "Pass the A2L file that includes it."
 
 
-def _database(name: str, ending: str, phrase: str, recognises: Recogniser) -> FileFormat:
+def _database(name: str, ending: str, phrase: str, recognises: Recogniser, notes: str) -> FileFormat:
     return FileFormat(
         name,
         (ending,),
@@ -41,6 +42,7 @@ def _database(name: str, ending: str, phrase: str, recognises: Recogniser) -> Fi
         role=Role.DATABASE,
         description=f"{phrase}, {DATABASE}",
         remedy=_HOW_TO_DECODE,
+        notes=notes,
     )
 
 
@@ -62,7 +64,15 @@ A2L = FileFormat(
     description="an A2L description, which contains no values",
     remedy="Pass the image that it describes (.hex, .s19), with --a2l if needed.",
 )
-DBC = _database("CAN database", ".dbc", "a CAN database (DBC)", lambda head: _DBC_VERSION(head) or _DBC_LINE(head))
-ARXML = _database("AUTOSAR description", ".arxml", "an AUTOSAR description (ARXML)", has_root("AUTOSAR"))
-KCD = _database("Kayak database", ".kcd", "a Kayak database (KCD)", has_root("NetworkDefinition"))
-SYM = _database("PEAK database", ".sym", "a PEAK database (SYM)", matches(_SYM_TITLE))
+DBC = _database(
+    "CAN database",
+    ".dbc",
+    "a CAN database (DBC)",
+    lambda head: _DBC_VERSION(head) or _DBC_LINE(head),
+    "needs no extra",
+)
+ARXML = _database("AUTOSAR description", ".arxml", "an AUTOSAR description (ARXML)", has_root("AUTOSAR"), _BY_CANMATRIX)
+KCD = _database("Kayak database", ".kcd", "a Kayak database (KCD)", has_root("NetworkDefinition"), _BY_CANMATRIX)
+SYM = _database(
+    "PEAK database", ".sym", "a PEAK database (SYM)", matches(_SYM_TITLE), f"versions 5 and 6; {_BY_CANMATRIX}"
+)

@@ -50,6 +50,8 @@ class MeasurementReader:
         may_lack_time: True if records may lack a time stamp.
         decodes: True if a file may hold frames of a bus, which databases decode.
         costly: time of reading in s that makes a copy in the cache worthwhile.
+        label: the name of the format in lists of recordings, by default that of the format.
+        notes: versions, contents and limits of such recordings, as a table of the documentation states them.
     """
 
     tables: Reference = ""
@@ -63,6 +65,8 @@ class MeasurementReader:
     may_lack_time: bool = False
     decodes: bool = False
     costly: float = 0.2
+    label: str = ""
+    notes: str = ""
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,10 @@ class CalibrationConverter:
         lacks: aspects of a set that a new file does not store, by the keys of `calfiles.loss_report`.
         endings: the endings of files that can be written, by default those of the format.
         label: the name of the format in lists of calibration formats, by default that of the format.
+        copies: True if values are only written into a copy of a file of the format.
+        refuses: contents that no new file can hold, by the words of the documentation: "cubes", "missing values" or
+            "infinities".
+        notes: versions, contents and limits of such files, as a table of the documentation states them.
     """
 
     read: Reference
@@ -83,6 +91,9 @@ class CalibrationConverter:
     lacks: tuple[str, ...] = ()
     endings: tuple[str, ...] = ()
     label: str = ""
+    copies: bool = False
+    refuses: tuple[str, ...] = ()
+    notes: str = ""
 
     @property
     def unstated(self) -> tuple[str, ...]:
@@ -105,6 +116,8 @@ class FileFormat:
         describe: `describe(file)` of a `DescribedFile`, which returns a `FileInfo`; by default that of its role.
         description: what a file is, as `this is ...` continues; by default the article and the name.
         remedy: what to do instead, if files of this format cannot be read.
+        notes: versions, contents and limits of files that are neither recordings nor calibrations, as a table of the
+            documentation states them.
     """
 
     name: str
@@ -117,6 +130,7 @@ class FileFormat:
     describe: Reference = ""
     description: str = ""
     remedy: str = ""
+    notes: str = ""
 
     @property
     def phrase(self) -> str:

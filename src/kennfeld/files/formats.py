@@ -146,12 +146,24 @@ def calibration_formats() -> tuple[FileFormat, ...]:
 
 def recording_formats() -> tuple[FileFormat, ...]:
     """Return the formats of recordings, the most usual ones first."""
-    usual = (recordings.CSV, containers.EXCEL, recordings.PARQUET, recordings.FEATHER)
+    usual = (
+        recordings.MDF,
+        recordings.CSV,
+        containers.EXCEL,
+        containers.MATLAB,
+        recordings.PARQUET,
+        recordings.FEATHER,
+    )
     others = (known for known in _all() if known.recording is not None and known is not ZIP_ARCHIVE)
     return tuple(dict.fromkeys((*usual, *others)))
+
+
+def formats_of(*roles: Role) -> tuple[FileFormat, ...]:
+    """Return the formats whose files may have one of these roles, in the order in which they are tried."""
+    return tuple(dict.fromkeys(known for known in _all() if not known.roles.isdisjoint(roles)))
 
 
 @cache
 def endings_of(role: Role) -> tuple[str, ...]:
     """Return the endings that files of a role usually have."""
-    return tuple(dict.fromkeys(ending for known in _all() if role in known.roles for ending in known.endings))
+    return tuple(dict.fromkeys(ending for known in formats_of(role) for ending in known.endings))

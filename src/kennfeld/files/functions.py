@@ -62,21 +62,45 @@ def _function(name: str, *endings: str, **settings: object) -> FileFormat:
     return FileFormat(name, endings, role=Role.FUNCTION, **settings)  # type: ignore[arg-type]
 
 
+_ONE_FUNCTION = "one function, with those that it calls"
 _DESCRIBERS = "kennfeld.terminal.describers"
-FORMULA = _function("formula text", ".kf", describe=f"{_DESCRIBERS}:describe_formula_file")
-SIMULINK = _function("Simulink model", ".slx", ".mdl", recognises=_is_simulink)
+FORMULA = _function(
+    "formula text", ".kf", describe=f"{_DESCRIBERS}:describe_formula_file", notes="the [formula language](formula.md)"
+)
+SIMULINK = _function(
+    "Simulink model",
+    ".slx",
+    ".mdl",
+    recognises=_is_simulink,
+    notes="`.slx` of all releases: one part for all systems (up to about R2018b) or one part per system; since R2026b "
+    "with the block diagram in JSON. `.mdl`: the classic text, including files without block identifiers, in the "
+    "encoding that the file states, and the packaged text of R2021b and later; see [below](#simulink)",
+)
 PROTECTED = _function(
     "protected Simulink model",
     ".slxp",
     description="a protected model; its blocks cannot be read",
     remedy="Obtain the unprotected model, .slx or .mdl.",
+    notes="recognised, but its blocks cannot be read",
 )
-FMU = _function("FMU", ".fmu", recognises=lambda head: "modelDescription.xml" in head.members)
-ONNX = _function("ONNX network", ".onnx")
-C = _function("C source", ".c")
-PYTHON = _function("Python source", ".py")
-APPLICATION = FileFormat("ASCET application", (".app",), role=Role.PROGRAM)
-HEADER = FileFormat("C header", (".h",), role=Role.COMPANION, description="a C header", remedy="Name the C file.")
+FMU = _function(
+    "FMU",
+    ".fmu",
+    recognises=lambda head: "modelDescription.xml" in head.members,
+    notes="functional mock-up units of FMI 2.0 and 3.0; see [FMU](functions.md#fmu)",
+)
+ONNX = _function("ONNX network", ".onnx", notes="networks and tree ensembles; see [ONNX](functions.md#onnx-networks)")
+C = _function("C source", ".c", notes=_ONE_FUNCTION)
+PYTHON = _function("Python source", ".py", notes=_ONE_FUNCTION)
+APPLICATION = FileFormat("ASCET application", (".app",), role=Role.PROGRAM, notes="task schedules of ASCET-DEVELOPER 7")
+HEADER = FileFormat(
+    "C header",
+    (".h",),
+    role=Role.COMPANION,
+    description="a C header",
+    remedy="Name the C file.",
+    notes="declarations that a C file includes",
+)
 DICTIONARY = FileFormat(
     "Simulink data dictionary",
     (".sldd",),
@@ -84,12 +108,17 @@ DICTIONARY = FileFormat(
     role=Role.COMPANION,
     description="a Simulink data dictionary (.sldd): which axes its tables have is stated in the model",
     remedy="Convert the model: `kennfeld convert engine.slx engine.kf` writes its values to engine.json.",
+    notes="numbers, texts, structs, cells, `Simulink.Parameter`, `Simulink.LookupTable` and `Simulink.Breakpoint` with "
+    "limits, units and types. Referenced dictionaries are searched for in the same folder. The text format of R2026b "
+    "is also supported. `kennfeld convert` [writes values](how-to/export.md#simulink-data-dictionaries) into a copy of "
+    "the XML format",
 )
 ENUMERATION = FileFormat(
     "enumeration class of MATLAB",
     (".m",),
     _is_enumeration,
     role=Role.COMPANION,
+    notes="words and their numbers, for Simulink models",
 )
 SURROGATE = FileFormat(
     "surrogate",

@@ -6,7 +6,8 @@ from itertools import product
 import numpy as np
 
 from kennfeld.base.arrays import Float, ignore_floating_errors
-from kennfeld.domain.parameters import Axis, Extrapolation
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Extrapolation
 
 WINDOW = 4.0  # standard deviations at which the smoothing kernel is truncated
 

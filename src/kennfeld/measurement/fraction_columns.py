@@ -25,7 +25,8 @@ def with_days(table: Table) -> Table:
     known = stamps[~np.isnan(stamps)]
     # a date that stays behind at midnight is that of the file
     if known.size < np.count_nonzero(~np.isnan(clock.values)) or np.any(np.diff(known) < 0):
-        return table
+        message = f"its dates do not go with the times of day of {clock.place}, which are read without them"
+        return _with_remark(table, dates, message)
     whole = replace(clock, values=stamps, origin=dates.origin)
     return replace(table, columns=tuple(whole if column is clock else column for column in table.columns))
 
@@ -52,10 +53,14 @@ def with_fractions(table: Table) -> Table:
     # gaps, or stamps that fall, show that the column counts something else
     if np.isnan(stamps).sum() > np.isnan(clock.values).sum() or np.any(steps < 0):
         return table
-    message = f"its milliseconds were added to the time stamps of {clock.place}"
-    remark = Finding(table.location.within(f"column {fraction.place}"), message, severity="remark")
     columns = tuple(replace(clock, values=stamps) if column is clock else column for column in table.columns)
-    return replace(table, columns=columns, findings=(*table.findings, remark))
+    message = f"its milliseconds were added to the time stamps of {clock.place}"
+    return _with_remark(replace(table, columns=columns), fraction, message)
+
+
+def _with_remark(table: Table, column: Column, message: str) -> Table:
+    remark = Finding(table.location.within(f"column {column.place}"), message, severity="remark")
+    return replace(table, findings=(*table.findings, remark))
 
 
 def _is_fraction(column: Column) -> bool:

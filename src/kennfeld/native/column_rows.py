@@ -54,7 +54,7 @@ class ColumnRows:
         outputs, last = len(self._kernel.outputs), first + length
         rows = aligned_zeros(length * outputs * self._width + VECTOR)
         count = np.full(length, room, dtype=np.int32)
-        tape = [address(np.ascontiguousarray(array[first:last])) for array in (space.weight, space.c, space.a)]
+        tape = [address(array[first:last]) for array in (space.weight, space.c, space.a)]
         carried = (address(self._sensitivities), self._width, address(self._turn, kind=INT64), address(self._next))
         entries = (address(index, kind=INT32), address(slope), address(count, kind=INT32), room)
         self._kernel.sweeps.rows(length, *tape, *carried, *entries, address(rows), self._width)

@@ -4,8 +4,9 @@ import numpy as np
 
 from kennfeld.base.formatting import count_noun, size_text
 from kennfeld.base.markup import Html, element, full_decimal
+from kennfeld.domain.axis import AXIS_LETTERS, Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import AXIS_LETTERS, Axis, Parameter
+from kennfeld.domain.parameters import Parameter
 from kennfeld.domain.rbf import RBF
 from kennfeld.notebook.pictures import heat_map, line_chart
 from kennfeld.notebook.tables import block, caption, number_table, text_table

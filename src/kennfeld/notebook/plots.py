@@ -13,7 +13,8 @@ from kennfeld.base.errors import ArgumentError, Location
 from kennfeld.base.formatting import join_names, nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.optional_packages import optional_package
-from kennfeld.domain.parameters import AXIS_LETTERS, Parameter
+from kennfeld.domain.axis import AXIS_LETTERS
+from kennfeld.domain.parameters import Parameter
 from kennfeld.notebook.dataset_display import reduced
 from kennfeld.notebook.parameter_display import with_unit
 from kennfeld.optimize.fit.result import Result

@@ -7,11 +7,11 @@ import numpy as np
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import ArgumentError, Finding, Findings, Fix, Location, choices
 from kennfeld.base.formatting import join_names, nearest
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.breakpoint_rounding import rounded, separated
 from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.free_axes import AxisKey
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis
 from kennfeld.graph import Graph, GraphBuilder
 from kennfeld.optimize.limits.linear_limits import breakpoint_bounds
 from kennfeld.optimize.problem.problem import Problem

@@ -26,7 +26,7 @@ from kennfeld.base.output_paths import below, within
 from kennfeld.calfiles import read
 from kennfeld.calfiles.json_file import write_json
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Text
+from kennfeld.domain.texts import Text
 from kennfeld.optimize.fit.result import Checkpoint, StartResult
 from kennfeld.optimize.search.start_runner import with_values
 

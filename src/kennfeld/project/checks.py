@@ -39,8 +39,7 @@ from kennfeld.optimize.problem.validation import unbounded
 from kennfeld.optimize.quality.lookup_coverage import Coverage
 from kennfeld.optimize.quality.quality import NodeSimulator
 from kennfeld.optimize.search.isolated_call import isolated
-from kennfeld.optimize.strategies.global_search import FEW
-from kennfeld.optimize.strategies.jumps import MAX_NAMES, find_jumps
+from kennfeld.optimize.strategies.jumps import FEW, MAX_NAMES, find_jumps
 from kennfeld.optimize.sums.compiled import CompiledProblem
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.model_step import clock_findings

@@ -15,9 +15,10 @@ from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.parameters import Parameter
 from kennfeld.domain.table_parts import Range, grid_points_within, missing_directions
 from kennfeld.preprocessing.pipeline import LoadedData
+from kennfeld.project.criteria_schema import CriterionEntry
 from kennfeld.project.model import ProjectModel
 from kennfeld.project.parameter_tables import Tables
-from kennfeld.project.schema import CriterionEntry, ProjectFile
+from kennfeld.project.schema import ProjectFile
 from kennfeld.project.table_schema import ParameterEntry, ShapeEntry
 from kennfeld.project.value_forms import DIRECTIONS
 

@@ -13,8 +13,9 @@ from kennfeld.base.errors import ArgumentError, Findings, Fix, Keys
 from kennfeld.base.formatting import most_similar, nearest
 from kennfeld.base.frozen_dict import FrozenDict
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Parameter, parameter
+from kennfeld.domain.parameters import Parameter, parameter
 from kennfeld.domain.rbf import RBF
 from kennfeld.domain.table_parts import Range, grid_points_within, missing_directions
 from kennfeld.graph.interpolation import regrid

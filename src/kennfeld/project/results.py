@@ -20,9 +20,9 @@ from kennfeld.calfiles import write as write_parameters
 from kennfeld.calfiles.label_list import ENDING as LABEL_LIST
 from kennfeld.calfiles.label_list import VALUES as CHANGED_VALUES
 from kennfeld.calfiles.label_list import write_label_list
+from kennfeld.domain.axis import AXIS_LETTERS
 from kennfeld.domain.free_axes import free_axes
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import AXIS_LETTERS
 from kennfeld.domain.rbf import RBF
 from kennfeld.files.calibrations import IMAGE_ENDINGS
 from kennfeld.project.csv_cells import neutral_cell

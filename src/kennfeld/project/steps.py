@@ -18,7 +18,8 @@ from kennfeld.optimize.quality.lookup_coverage import Coverage, touched
 from kennfeld.optimize.search.step_problem import check_steps
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.project.label_selection import expand_lists
-from kennfeld.project.schema import ProjectFile, StepEntry
+from kennfeld.project.run_schema import StepEntry
+from kennfeld.project.schema import ProjectFile
 from kennfeld.project.value_forms import DIRECTIONS, Lock
 
 

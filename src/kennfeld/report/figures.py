@@ -10,7 +10,8 @@ import numpy as np
 from kennfeld.analysis.cell_errors import CellErrors
 from kennfeld.analysis.residuals import Residuals
 from kennfeld.base.markup import Html, element, round_digits
-from kennfeld.domain.parameters import AXIS_LETTERS, Axis, Parameter
+from kennfeld.domain.axis import AXIS_LETTERS, Axis
+from kennfeld.domain.parameters import Parameter
 from kennfeld.optimize.fit.result import TraceLine
 from kennfeld.report.drawings import Drawing, Histogram
 from kennfeld.report.report_data import ParameterChange, ReportData

@@ -17,7 +17,7 @@ from kennfeld.base.markup import Html, element
 from kennfeld.optimize.fit.result import Result
 from kennfeld.project import Project
 from kennfeld.project.manifest import KEY, check_other_files
-from kennfeld.project.schema import ReportEntry
+from kennfeld.project.run_schema import ReportEntry
 from kennfeld.report.figures import Pictures, signals
 from kennfeld.report.report_data import ReportData, collect_report_data
 from kennfeld.report.sections import sections

@@ -24,7 +24,7 @@ from kennfeld.optimize.quality.quality import Quality, Scorer
 from kennfeld.optimize.quality.recording_quality import RecordingQuality
 from kennfeld.optimize.tuning.shift_estimation import apply_shifts
 from kennfeld.project import Project
-from kennfeld.project.schema import ReportEntry
+from kennfeld.project.run_schema import ReportEntry
 from kennfeld.report.drawings import Drawing, draw
 from kennfeld.report.stored_result import TrustSummary, summarise_trust
 

@@ -9,8 +9,9 @@ from kennfeld.analysis.extrapolation import Extrapolation
 from kennfeld.analysis.limit_margins import active_constraints, output_ranges
 from kennfeld.base.formatting import join_names
 from kennfeld.base.markup import MISSING, Html, decimal, element, full_decimal, note, percent, table
+from kennfeld.domain.axis import AXIS_LETTERS
 from kennfeld.domain.constraints import Equality
-from kennfeld.domain.parameters import AXIS_LETTERS, Parameter
+from kennfeld.domain.parameters import Parameter
 from kennfeld.report.report_data import ReportData
 
 if TYPE_CHECKING:

@@ -42,7 +42,9 @@ DATA = {
         "base/optional_packages",
         "domain/parameter_set",
     ),
+    "domain/axis",
     "domain/parameters",
+    "domain/texts",
     "base/threads",
     "base/watch_folder",
 }

@@ -5,8 +5,9 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.base.errors import InputError
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, parameter
+from kennfeld.domain.parameters import parameter
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.models.formula import formula
 from kennfeld.models.function_files import read_function_file

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.domain.parameters import Axis, Curve, Map
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Curve, Map
 from kennfeld.importers.fmu.importing import fmu
 
 ROOT = Path(__file__).parents[3]

@@ -5,8 +5,9 @@ import pytest
 import scipy
 
 from kennfeld.base.errors import InputError
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Curve, Map, Scalar
+from kennfeld.domain.parameters import Curve, Map, Scalar
 from tests.importers.simulink.simulink_files import Model
 from tests.importers.simulink.simulink_runs import alone, imported, run, slopes
 

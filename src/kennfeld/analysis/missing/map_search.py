@@ -12,7 +12,8 @@ from kennfeld.analysis.missing.scoring import Scored
 from kennfeld.analysis.missing.search_round import SearchRound
 from kennfeld.analysis.missing.shortlist import CandidateGroup, shortlist
 from kennfeld.analysis.missing.terms import Kind, describe
-from kennfeld.domain.parameters import Axis, Curve, Parameter
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Curve, Parameter
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.search.multistart import run
 

@@ -10,7 +10,8 @@ import numpy as np
 from kennfeld.analysis.missing.recordings import RECORDING
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.domain.parameters import Axis, Curve, Map, Parameter, Scalar
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Curve, Map, Parameter, Scalar
 from kennfeld.graph import Graph, GraphBuilder
 from kennfeld.graph.node import State, extract
 from kennfeld.models import Model

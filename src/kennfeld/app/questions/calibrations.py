@@ -7,6 +7,7 @@ from typing import Literal
 
 from kennfeld.app.answer import finite, finite_list
 from kennfeld.app.folders import confined, writable
+from kennfeld.app.questions.existing_files import ExistingFile
 from kennfeld.app.questions.parameters import AxisPoints
 from kennfeld.app.session.calibration_source import (
     SourceName,
@@ -25,8 +26,10 @@ from kennfeld.base.errors import ArgumentError, Finding
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.output_paths import plain_name
 from kennfeld.calfiles import Change, Difference, Tolerance, compare, endings, losses, merge, read_with_findings, write
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Parameter, Text
+from kennfeld.domain.parameters import Parameter
+from kennfeld.domain.texts import Text
 
 Item = Parameter | Text | Axis
 
@@ -218,13 +221,6 @@ class WriteCommand:
     image: str = ""
     a2l: str = ""
     force: bool = False
-
-
-@dataclass(frozen=True)
-class ExistingFile:
-    """A file that would be replaced; nothing was written."""
-
-    exists: str
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any, Literal
 
 from kennfeld.app.answer import finite
+from kennfeld.app.questions.existing_files import ExistingFiles
 from kennfeld.app.questions.exports import formats
 from kennfeld.app.session.calibration_source import SourceName, calibration_files, initial_image
 from kennfeld.app.session.control_unit import (
@@ -282,13 +283,6 @@ class UnitCommand:
     folder: str = FOLDER
     signals: bool = False
     force: bool = False
-
-
-@dataclass(frozen=True)
-class ExistingFiles:
-    """Files that would be replaced; nothing was written."""
-
-    existing: Sequence[str]
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import numpy as np
 
 from kennfeld.app.answer import finite
 from kennfeld.app.folders import writable
-from kennfeld.app.questions.control_unit import ExistingFiles
+from kennfeld.app.questions.existing_files import ExistingFiles
 from kennfeld.app.session.design_work import DesignedTable, DesignFindings, start_design
 from kennfeld.app.session.session import Session
 from kennfeld.base.arrays import Float

@@ -10,7 +10,8 @@ import numpy as np
 
 from kennfeld.app.desktop import has_desktop, open_on_desktop
 from kennfeld.app.folders import confined, writable
-from kennfeld.app.questions.calibrations import ExistingFile, RoundedRow, rounded
+from kennfeld.app.questions.calibrations import RoundedRow, rounded
+from kennfeld.app.questions.existing_files import ExistingFile
 from kennfeld.app.session.calibration_source import initial_image, is_image
 from kennfeld.app.session.runs import Run
 from kennfeld.app.session.session import Session

@@ -23,7 +23,7 @@ from kennfeld.models.formula.functions import FUNCTIONS as FUNCTION_NAMES
 from kennfeld.models.function_files import split_reference
 from kennfeld.models.importer_registry import importer_of, importers
 from kennfeld.project.forms import keys_of
-from kennfeld.project.schema import ModelEntry
+from kennfeld.project.model_schema import ModelEntry
 
 FUNCTIONS = endings_of(Role.FUNCTION)
 _WORD = re.compile(r"[A-Za-z_][\w.]*")

@@ -11,9 +11,9 @@ from kennfeld.app.questions.parameters import describe_axes
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.taking import values_of
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.axis import AXIS_LETTERS
 from kennfeld.domain.constraints import Equality, Shape
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import AXIS_LETTERS
 from kennfeld.graph.traversal import coordinates_of
 from kennfeld.optimize.problem.problem import Problem
 

@@ -235,6 +235,7 @@ class LiveModel:
         """Return the unit of the errors of a criterion."""
         problem = self.problem
         target, node = problem.criteria[criterion].target.name, problem.criteria[criterion].node
+        # errors are in the unit of what is measured, which the function may not state
         recorded = next((data[target].unit for data in problem.datasets if target in data), "")
         return recorded or problem.model.graph.units.get(node, "")
 

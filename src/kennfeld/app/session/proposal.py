@@ -134,6 +134,7 @@ def even_breakpoints(reach: Range, count: int) -> list[float]:
     power = 10.0 ** math.floor(math.log10(raw))
     # the nearest round step by ratio, so that 2 and 8 are equally far from 4
     step = min((factor * power for factor in (1, 2, 5, 10)), key=lambda each: abs(math.log(each / raw)))
+    # an end that exceeds a breakpoint by rounding needs no further one
     first, last = math.floor(reach.least / step + 1e-9), math.ceil(reach.greatest / step - 1e-9)
     points = [float(f"{number * step:.12g}") for number in range(first, last + 1)]
     return [int(point) if point.is_integer() else point for point in points]

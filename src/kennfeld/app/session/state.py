@@ -92,6 +92,7 @@ def inverse(before: SessionState, after: SessionState, title: str = "") -> Resto
         for name in {**before.texts, **after.texts}
         if before.texts.get(name) != after.texts.get(name)
     }
+    # by content: a table that was set to what it was has not changed
     changed = [
         name
         for name in {**before.values, **after.values}
@@ -260,6 +261,7 @@ class History:
 
     def undo(self) -> str:
         """Go back by one entry; return its title, empty if there is none."""
+        # a further move of this drag is an entry of its own
         self._open = ""
         if not self._at:
             return ""

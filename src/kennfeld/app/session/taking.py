@@ -70,6 +70,7 @@ def values_of(session: Session, name: SourceName, *, onto_present: bool = False)
     if str(name.from_) in ("now", "start") and not onto_present:
         return view.now.parameters if name.from_ == "now" else view.start.parameters
     wanted = source_of(session, name).parameters
+    # a file may have other breakpoints, and lack tables; runs have those of the project
     if onto_present or name.from_ == "file":
         base = view.now.parameters if onto_present else view.start.parameters
         return base.with_parameters(*(fit_onto(base[each], wanted[each]) for each in _common(session, wanted)))
@@ -163,6 +164,7 @@ def find_belonging(session: Session, name: SourceName, cells: Cells) -> Belongin
     alone = best = evaluate_with(session, {each: whole[each] for each in chosen})
     names = list(chosen)
     while _excess(best, limits) > TOGETHER and len(names) < len(whole):
+        # each trial simulates all data, so that only those that differ most are tried
         others = [each for each in whole if each not in names][:MAX_TRIED]
         trials = {each: evaluate_with(session, {own: whole[own] for own in (*names, each)}) for each in others}
         following = min(trials, key=lambda each: _excess(trials[each], limits))
@@ -180,6 +182,7 @@ def _differing(now: ParameterSet, wanted: ParameterSet) -> list[str]:
     sizes = {}
     for table in now.parameters:
         other = wanted[table.name].values
+        # relative to the table, so that its unit does not matter
         scale = max(float(np.abs(table.values).max(initial=0.0)), float(np.abs(other).max(initial=0.0))) or 1.0
         sizes[table.name] = float(np.abs(other - table.values).max(initial=0.0)) / scale
     return sorted((name for name, size in sizes.items() if size > 0), key=lambda name: -sizes[name])

@@ -31,7 +31,9 @@ from kennfeld.calfiles.a2l.syntax import A2lError
 from kennfeld.calfiles.content import in_rising_order, turn
 from kennfeld.calfiles.flash.image import Image
 from kennfeld.calfiles.verbal_values import kind_of_words
-from kennfeld.domain.parameters import Axis, Block, Parameter, Text, parameter
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Block, Parameter, parameter
+from kennfeld.domain.texts import Text
 
 _AXES = {"CURVE": 1, "MAP": 2, "CUBOID": 3, "CUBE_4": 4}
 ENCODINGS = {"": "latin-1", "ASCII": "latin-1", "UTF8": "utf-8"}  # of texts, as Python names them

@@ -15,8 +15,10 @@ from kennfeld.calfiles.a2l.record_layout import AbsentError
 from kennfeld.calfiles.a2l.syntax import A2lError
 from kennfeld.calfiles.flash.image import Image
 from kennfeld.calfiles.format import FileFindings
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Parameter, Text
+from kennfeld.domain.parameters import Parameter
+from kennfeld.domain.texts import Text
 
 _MAX_LISTED = 20  # warnings with the same reason
 

@@ -11,8 +11,8 @@ from kennfeld.calfiles.a2l.labels import hard_limits
 from kennfeld.calfiles.a2l.objects import DIRECTIONS, A2l, AxisDescr, AxisPts, Characteristic
 from kennfeld.calfiles.a2l.storage import NUMBERS, SIZES, StorageFormat
 from kennfeld.calfiles.a2l.syntax import A2lError
+from kennfeld.domain.axis import AXIS_LETTERS
 from kennfeld.domain.free_axes import AxisKey
-from kennfeld.domain.parameters import AXIS_LETTERS
 from kennfeld.domain.storage import FloatStorage, StorageGrid
 
 FLOATS = ("FLOAT32_IEEE", "FLOAT64_IEEE")

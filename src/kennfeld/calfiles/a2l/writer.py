@@ -24,8 +24,10 @@ from kennfeld.calfiles.content import turn
 from kennfeld.calfiles.flash.image import Image
 from kennfeld.calfiles.flash.records import read_image
 from kennfeld.calfiles.format import FileFindings
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Parameter, Text
+from kennfeld.domain.parameters import Parameter
+from kennfeld.domain.texts import Text
 
 # of its span, as far as a breakpoint that cannot change may be off in a file with few digits
 _FIXED_POINT_TOLERANCE = 1e-5

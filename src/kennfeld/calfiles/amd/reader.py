@@ -33,7 +33,9 @@ from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.content import in_rising_order, turn
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
-from kennfeld.domain.parameters import Axis, Block, Scalar, Text, parameter
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Block, Scalar, parameter
+from kennfeld.domain.texts import Text
 
 _ZIP: Final = b"PK\x03\x04"
 _DEFAULT: Final = "default"

@@ -17,7 +17,8 @@ from kennfeld.calfiles.amd.reader import AmdOrigin, AmdReference, AmdValue
 from kennfeld.calfiles.content import in_stored_order, replace_spans
 from kennfeld.calfiles.format import FileFindings, Item, WriteResult
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Parameter, Text
+from kennfeld.domain.parameters import Parameter
+from kennfeld.domain.texts import Text
 
 _ZIP: Final = b"PK\x03\x04"
 _ATTRIBUTE: Final = rb"\s+[\w:.-]+\s*=\s*(?:\"[^\"]*\"|'[^']*')"

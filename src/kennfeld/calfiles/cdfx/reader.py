@@ -18,7 +18,9 @@ from kennfeld.calfiles.cdfx.elements import Instance, Values, array_size, instan
 from kennfeld.calfiles.content import describe_fall, drop_trailing_ones, in_rising_order, turn
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
 from kennfeld.calfiles.xml_tree import TreeElement, parse_xml
-from kennfeld.domain.parameters import AXIS_LETTERS, Axis, Block, Parameter, Text, TextKind, parameter
+from kennfeld.domain.axis import AXIS_LETTERS, Axis
+from kennfeld.domain.parameters import Block, Parameter, parameter
+from kennfeld.domain.texts import Text, TextKind
 
 _VERSION = re.compile(r"CDF(\d)(\d)")
 _SCALARS = ("VALUE", "BOOLEAN", "DEPENDENT_VALUE", "DEPEDNDENT_VALUE")  # so misspelt in the demo file of ASAM

@@ -11,8 +11,10 @@ from kennfeld.base.formatting import holds_control_characters, one_line
 from kennfeld.calfiles.content import in_stored_order, stored_breakpoints
 from kennfeld.calfiles.format import FileFindings, Item
 from kennfeld.calfiles.storable import USE_JSON, differing_groups, report_repeated_variables, value_faults
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Parameter, Text
+from kennfeld.domain.parameters import Parameter
+from kennfeld.domain.texts import Text
 
 _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <!DOCTYPE MSRSW PUBLIC "-//ASAM//DTD CALIBRATION DATA FORMAT:V2.0.0:LAI:IAI:XML:CDF200.XSD//EN" "cdf_v2.0.0.sl.dtd">

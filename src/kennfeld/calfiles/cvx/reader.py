@@ -19,7 +19,9 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.content import ItemCollector, describe_fall, in_rising_order, parse_float, turn
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, ReadResult, build_set
 from kennfeld.calfiles.verbal_values import unify_text_kinds
-from kennfeld.domain.parameters import Axis, Block, Parameter, Text, TextKind, parameter
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Block, Parameter, parameter
+from kennfeld.domain.texts import Text, TextKind
 
 # CALIBRATION VALUES V2.1,.,*,"", : separator, decimal point, begin of comments, quotes
 _HEADER = re.compile(r"CALIBRATION VALUES V(\d+\.\d+)(?:([^\d\n])(?:([.,])\2([^\n]*?)\2\s*([^\n])\5)?)?")

@@ -10,8 +10,9 @@ from kennfeld.base.formatting import holds_control_characters, one_line
 from kennfeld.calfiles.content import in_stored_order, stored_breakpoints
 from kennfeld.calfiles.format import FileFindings, Item
 from kennfeld.calfiles.storable import USE_JSON, differing_groups, report_repeated, value_faults
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Text
+from kennfeld.domain.texts import Text
 
 _NAME = re.compile(r'[^\s",:*][^",]*')
 

@@ -15,7 +15,9 @@ from kennfeld.calfiles.content import ItemCollector, describe_fall, in_rising_or
 from kennfeld.calfiles.dcm.lines import DcmBlock, DcmLines, split_blocks, unquote
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
 from kennfeld.calfiles.verbal_values import unify_text_kinds
-from kennfeld.domain.parameters import Axis, Block, Parameter, Text, TextKind, parameter
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Block, Parameter, parameter
+from kennfeld.domain.texts import Text, TextKind
 
 _AXES = (("x", "ST/X", "EINHEIT_X", "SSTX"), ("y", "ST/Y", "EINHEIT_Y", "SSTY"))
 _MAX_VARIANT_LINE = 4096  # characters of a line with the values of variants; the search takes the square of them

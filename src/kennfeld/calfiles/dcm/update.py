@@ -16,8 +16,10 @@ from kennfeld.calfiles.dcm.lines import DcmBlock
 from kennfeld.calfiles.dcm.reader import Dcm, VariantValue, variant_values
 from kennfeld.calfiles.dcm.writer import axis_block, check_storable, item_block, quote, shares_block, whole_text
 from kennfeld.calfiles.format import Item, Key, WriteResult
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Parameter, Text
+from kennfeld.domain.parameters import Parameter
+from kennfeld.domain.texts import Text
 
 _WORD = re.compile(r"\S+")
 _AXES = ("ST/X", "ST/Y")

@@ -10,8 +10,10 @@ from kennfeld.base.formatting import holds_control_characters, one_line
 from kennfeld.calfiles.content import in_stored_order, stored_breakpoints
 from kennfeld.calfiles.format import FileFindings, Item
 from kennfeld.calfiles.storable import USE_JSON, report_repeated, value_faults
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Block, Parameter, Text
+from kennfeld.domain.parameters import Block, Parameter
+from kennfeld.domain.texts import Text
 
 _HEADER = """* encoding="UTF-8"
 * DAMOS format

@@ -17,8 +17,9 @@ from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.content import in_rising_order, turn
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, ReadResult
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Block, Parameter, Scalar, parameter
+from kennfeld.domain.parameters import Block, Parameter, Scalar, parameter
 
 Number = e.Number | e.Truth | e.Unary
 

@@ -24,7 +24,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.workbooks import Workbook, column_letters, open_workbook
 from kennfeld.calfiles.content import parse_float
 from kennfeld.calfiles.format import FileFindings
-from kennfeld.domain.parameters import TextKind
+from kennfeld.domain.texts import TextKind
 from kennfeld.files.head import FileHead
 
 INDEX, SCALARS, TEXTS, AXES = "Parameters", "Scalars", "Texts", "Axes"

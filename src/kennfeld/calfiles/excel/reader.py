@@ -14,7 +14,9 @@ from kennfeld.calfiles.excel import layout
 from kennfeld.calfiles.excel.layout import AxisCells, Sheet, index_heading, sheet_of
 from kennfeld.calfiles.excel.tables import read_grid
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
-from kennfeld.domain.parameters import Axis, Block, Parameter, Scalar, Text, TextKind, parameter
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Block, Parameter, Scalar, parameter
+from kennfeld.domain.texts import Text, TextKind
 
 _TABLES = {"curve": (1, 1), "map": (2, 2), "cube": (3, 4)}  # the least and the most axes
 

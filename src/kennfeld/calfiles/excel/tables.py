@@ -9,7 +9,7 @@ from kennfeld.base.arrays import Float
 from kennfeld.base.formatting import count_noun
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.excel.layout import AXIS_HEADING, CORNERS, AxisCells, Sheet
-from kennfeld.domain.parameters import AXIS_LETTERS
+from kennfeld.domain.axis import AXIS_LETTERS
 
 
 @dataclass

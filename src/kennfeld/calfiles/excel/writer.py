@@ -17,8 +17,10 @@ from kennfeld.calfiles.excel import layout
 from kennfeld.calfiles.excel.layout import sheet_names
 from kennfeld.calfiles.format import FileFindings, Item, WriteResult
 from kennfeld.calfiles.storable import USE_JSON, differing_groups, report_repeated, value_faults
+from kennfeld.domain.axis import AXIS_LETTERS, Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import AXIS_LETTERS, Axis, Parameter, Text
+from kennfeld.domain.parameters import Parameter
+from kennfeld.domain.texts import Text
 
 _MAX_ROWS, _MAX_COLUMNS, _MAX_TEXT = 1_048_576, 16_384, 32_767  # limits of Excel
 # Excel takes 65 530 links a sheet

@@ -24,7 +24,9 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.content import describe_fall, in_rising_order, parse_float, turn
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, ReadResult, build_set
 from kennfeld.calfiles.xml_tree import parse_xml
-from kennfeld.domain.parameters import Axis, Block, Parameter, Scalar, Text, TextKind, parameter
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Block, Parameter, Scalar, parameter
+from kennfeld.domain.texts import Text, TextKind
 
 _MAX_FILE_BYTES = 20_000_000
 _MAX_FILES = 50

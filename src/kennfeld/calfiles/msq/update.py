@@ -9,8 +9,9 @@ from kennfeld.base.formatting import count_labels, count_noun, holds_control_cha
 from kennfeld.calfiles.content import in_stored_order, replace_numbers, replace_spans, turn
 from kennfeld.calfiles.format import FileFindings, Item, WriteResult
 from kennfeld.calfiles.msq.reader import Msq, TuneConstant
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Text
+from kennfeld.domain.texts import Text
 
 
 def write_msq(parameters: ParameterSet, file: str) -> WriteResult:

@@ -27,7 +27,9 @@ from kennfeld.calfiles.par.lines import (
     split_labels,
     version_of,
 )
-from kennfeld.domain.parameters import Axis, Block, Parameter, Text, parameter
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Block, Parameter, parameter
+from kennfeld.domain.texts import Text
 
 _LIKE_A_NUMBER = re.compile(r"[-+]?[\d.,]+(?:[eE][-+]?\d+)?(?:\s.*)?")  # 1,5 or 1.5 bar, but not 2WD
 _NO_VALUES = "skipped: the texts behind its numbers are not physical values"

@@ -16,7 +16,8 @@ from kennfeld.calfiles.par.conversions import StoredQuantity, physical, stored
 from kennfeld.calfiles.par.lines import AXES, ParLabel, ParNumber, displayed_value, is_hexadecimal
 from kennfeld.calfiles.par.reader import Par, agree
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Parameter, Text
+from kennfeld.domain.parameters import Parameter
+from kennfeld.domain.texts import Text
 
 _OTHER_FORMAT = "Write DCM or CDFX, and load it in CANape."
 _TINY = 1e-12  # relative rounding of a conversion

@@ -71,6 +71,7 @@ class CallTranslation(ExpressionTranslation):
             return result
         if name not in FUNCTIONS or FUNCTIONS[name].count != len(operands):
             raise UnsupportedEsdlError(f"{name} with {count_noun(len(operands), 'argument')}", place=tree.place)
+        # abs of an integer is one; the other functions are those of reals, whatever they are called with
         kind = arithmetic_type(operands[0].type, operands[0].type) if name == "abs" else REAL
         return Operand(call_of(name, *(operand.tree for operand in operands)), kind)
 

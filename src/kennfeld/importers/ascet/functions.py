@@ -106,6 +106,7 @@ def _limit(evaluator: SymbolicEvaluator, x: Nodes, low: Nodes, high: Nodes) -> N
     builder, apply = evaluator.builder, Elementwise(evaluator.builder)
     least, most = (float(builder.value(int(bound.item())) or 0.0) for bound in (low, high))
     nodes = [int(node) for node in x.ravel()]
+    # a limit that cannot be exceeded would be computed for each sample and change nothing
     if any(bound_of(builder, node, True) > most for node in nodes):
         x = apply("min", x, most)
     if any(bound_of(builder, node, False) < least for node in nodes):

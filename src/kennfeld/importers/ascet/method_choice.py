@@ -82,6 +82,7 @@ class MethodChooser:
         """Return the methods of several tasks, each at its own period; of a single one in every step."""
         step = step_of_tasks([task for task, _ in tasks], self.step, Location(self.path.name))
         remarks = [f"the task {name} has no period and is left out" for name in skipped]
+        # a single task needs no clock: it runs in every step
         if len(tasks) == 1:
             alone = (ScheduledTask(tasks[0][0].name, tuple(tasks[0][1])),)
             return MethodSelection(alone, tuple(startup), step, _remarks(remarks))

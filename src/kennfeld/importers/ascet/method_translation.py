@@ -353,6 +353,7 @@ class MethodTranslation(CallTranslation):
             count *= size or 0
         if None in sizes or count > _MAX_COPIES:
             raise UnsupportedEsdlError("an array of an unknown or large size is copied", place=tree.place)
+        # the interpreter of imperative code counts from 1, as MATLAB does, ESDL from 0
         ranges = [range(1, (size or 0) + 1) for size in sizes]
         return [tuple(m.Number(float(at)) for at in indices) for indices in product(*ranges)]
 

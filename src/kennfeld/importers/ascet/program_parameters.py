@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Block, Parameter, Scalar, parameter
+from kennfeld.domain.parameters import Block, Parameter, Scalar, parameter
 from kennfeld.graph import GraphBuilder
 from kennfeld.importers.ascet.instances import Program, ProgramVariable, TableElement
 from kennfeld.importers.ascet.resolved_types import NumberType

@@ -39,6 +39,7 @@ class _StatePath:
 def state_numbers(types: TypeResolver, scope: FileScope, machine: e.StateMachine) -> dict[str, int]:
     """Return the numbers of the states without inner states: those of the enumeration, else counted."""
     names = [path.name for path in _paths(machine.states) if not _inner(path.states[-1])]
+    # code may compare a state with a word of this enumeration; without one, any numbers tell states apart
     if machine.labels:
         try:
             kind = types.named(machine.labels, scope)

@@ -4,7 +4,8 @@ from itertools import product
 
 import numpy as np
 
-from kennfeld.domain.parameters import Axis, Parameter, ParameterAttributes, parameter
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Parameter, ParameterAttributes, parameter
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.importers.c.interface import CNumbers
 from kennfeld.models.imperative.node_arrays import Nodes

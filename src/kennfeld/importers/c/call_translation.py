@@ -111,6 +111,7 @@ class CCallTranslation(CExpressionTranslation):
         if isinstance(function.result, CStructType):
             raise UnsupportedCError(f"{function.name} returns a struct, not a number", wrong=True)
         passed = self._arguments(function, trees, line)
+        # a call that writes nothing stays an expression; any other is a statement before the one that reads its value
         if not passed.targets and function.result is not None:
             return COperand(passed.call, function.result)
         result = m.Name(self.temporary())

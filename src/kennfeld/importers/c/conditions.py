@@ -93,6 +93,7 @@ class _ConditionParser(OperatorParser[ScannedToken, int]):
     def joined(self, left: int, level: int) -> int:
         rule = _RULES[self.take().text]
         value = int(rule(left, self.operations(level + 1)))
+        # repeated shifts and products would fill the memory
         if value.bit_length() > _MAX_BITS:
             raise ConditionError("a number is too large")
         return value
@@ -110,6 +111,7 @@ class _ConditionParser(OperatorParser[ScannedToken, int]):
 
 
 def _number(token: str) -> int:
+    # names that are left after the macros are replaced count as 0 (C99, 6.10.1)
     if re.fullmatch(r"[A-Za-z_]\w*", token):
         return 0
     match = re.fullmatch(r"(0[xX][0-9a-fA-F]{1,16}|\d{1,20})[uUlL]*", token)

@@ -175,6 +175,7 @@ def _size_of_object(tree: c_ast.Node, file: CFile) -> int:
         declared = file.types.declared(tree)
         return size_of(file.types, declared.type, declared.sizes, is_pointer=declared.is_pointer)
     depth = 0
+    # indices do not matter: all elements have one size, and sizeof evaluates nothing
     while isinstance(tree, c_ast.ArrayRef):
         tree, depth = tree.name, depth + 1
     if not isinstance(tree, c_ast.ID) or tree.name not in file.variables:
@@ -245,11 +246,13 @@ def _function(tree: c_ast.FuncDef, file: CFile) -> CFunctionDeclaration:
     parameters = declared.args.params if declared.args is not None else []
     arguments = []
     for parameter in parameters:
+        # `f(void)` has no arguments
         if isinstance(parameter, c_ast.Typename) and _is_void(parameter.type):
             continue
         if not isinstance(parameter, c_ast.Decl):
             raise UnsupportedCError(f"{tree.decl.name} has arguments that are not supported", line_of(tree.decl))
         arguments.append(_argument(parameter, tree, file))
+    # a function that returns the address it was given is a procedure: what counts is what it wrote there
     passed_back = _passed_back(tree) if isinstance(declared.type, c_ast.PtrDecl) else ""
     if passed_back not in {each.variable.name for each in arguments}:
         passed_back = ""
@@ -329,6 +332,7 @@ def is_indexed(tree: c_ast.Node, name: str) -> bool:
         node = waiting.pop()
         match node:
             case c_ast.ArrayRef(name=c_ast.ID(name=indexed), subscript=index) if indexed == name:
+                # p[0] is another way to write *p
                 if not (isinstance(index, c_ast.Constant) and index.value in ("0", "0U", "0u")):
                     return True
             case c_ast.UnaryOp(op="*", expr=c_ast.BinaryOp(op="+", left=c_ast.ID(name=indexed))) if indexed == name:

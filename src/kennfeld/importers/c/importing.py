@@ -21,6 +21,7 @@ def read_function(
     Raises:
         InputError: the file is not C, has no such function, or the function is not supported; carries all problems.
     """
+    # these modules load pycparser, which is optional
     with optional_package(Location(path.name), "c"):
         from kennfeld.importers.c.number_types import known_types
         from kennfeld.importers.c.reading import read_c_file, unknown_function

@@ -65,6 +65,7 @@ class CStructType:
             kind = member.declared.type
             if member.name == name:
                 return (member,)
+            # members of a struct without a name are members of the one around it (C11, 6.7.2.1)
             inner = kind.chain(name) if member.name.startswith(HIDDEN) and isinstance(kind, CStructType) else ()
             if inner:
                 return (member, *inner)
@@ -233,11 +234,13 @@ class TypeTable:
 
     def _struct(self, tree: c_ast.Struct | c_ast.Union, depth: int) -> ObjectType:
         kind = "union" if isinstance(tree, c_ast.Union) else "struct"
+        # `struct S` alone may be defined elsewhere, later or never: code that uses no members of it works all the same
         if tree.decls is None:
             if tree.name in self.structs:
                 return self.structs[tree.name]
             return OpaqueType(f"{kind} {tree.name}, whose members are not known", str(tree.name))
         members = [Member(*member) for item in tree.decls if (member := self._named_member(item, depth)) is not None]
+        # structs that contain others twice, over many levels, have exponentially many paths
         count = sum(getattr(member.declared.type, "count", 1) for member in members)
         if count > _MAX_PATHS:
             return OpaqueType(f"a {kind} of more than {_MAX_PATHS} members")

@@ -311,6 +311,8 @@ def _aliases(
     for call in passed:
         usage = usage_of(f"{call.function}()", functions)
         for name in dict.fromkeys(call.names):
+            # numbers are copied into a call and back after it: what is written by one name would not be read by the
+            # other
             is_twice = call.names.count(name) > 1 and name in call.changed
             is_shared = name in usage.writes or (name in usage.reads and name in call.changed)
             if is_twice or (is_shared and (name.startswith(".") or "()." in name)):

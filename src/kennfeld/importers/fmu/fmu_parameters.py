@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from kennfeld.base.arrays import Float
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Parameter, ParameterAttributes, parameter
+from kennfeld.domain.parameters import Parameter, ParameterAttributes, parameter
 from kennfeld.importers.fmu.description import FmuVariable
 
 _ELEMENT = re.compile(r"(.+)\[(\d{1,6}(?:,\s*\d{1,6}){0,3})\]")
@@ -62,6 +63,7 @@ def parameters_of(variables: Sequence[FmuVariable], prefix: str = "") -> FmuPara
     for variable, (name, index) in _named(variables):
         if index or not variable.shape:
             values.append(ParameterValue(prefix + name, tuple(map(float, index))))
+        # a table has at most four axes: elements of larger arrays are numbers of their own
         elif len(variable.shape) > _MOST_AXES:
             values += [ParameterValue(prefix + element, ()) for element in variable.elements]
         else:

@@ -356,6 +356,7 @@ def layout_of(description: FmuDescription, prefix: str) -> CallLayout:
     """Count the values that the code of an FMU takes and returns."""
     inputs, parameters = description.sorted_by_type(description.number_inputs), description.parameters
     outputs, starts = description.computed_outputs, description.started_states
+    # discrete inputs are constant between events: a change needs event mode, also without an indicator (FMI 2.0, 2.2.7)
     events = description.indicators > 0 or any(v.variability == "discrete" for v in inputs)
     interface = description.model_exchange
     return CallLayout(

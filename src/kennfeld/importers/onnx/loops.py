@@ -16,6 +16,7 @@ def scan(c: Context, op: Operator, arguments: Arguments) -> list[Tensor]:
     """Apply a graph to states and one row after the other of some tensors; stack the rows that it returns."""
     body, count = op.get("body"), op.get("num_scan_inputs", 0)
     tensors = [argument for argument in arguments if argument is not None]
+    # before version 9, the first dimension of all tensors is that of a batch
     if op.version < 9 or any(any(op.get(name, [])) for name in _LISTS):
         raise UnsupportedOperatorError("batches, other axes and reversed directions are not supported")
     if not isinstance(body, Network) or not 1 <= count <= len(tensors):

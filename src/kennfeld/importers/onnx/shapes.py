@@ -130,6 +130,7 @@ def join(c: Context, tensors: Sequence[Tensor], axis: int) -> Tensor:
     """Join tensors along an axis."""
     check_size([sum(int(np.prod(shape_of(tensor))) for tensor in tensors)])
     if any(isinstance(tensor, NodeTensor) for tensor in tensors):
+        # constants take the type of the tensors that they are joined to
         kinds = {kind_of(tensor) for tensor in tensors if isinstance(tensor, NodeTensor)}
         nodes = np.concatenate([c.nodes(tensor) for tensor in tensors], axis)
         return NodeTensor(nodes, kinds.pop() if len(kinds) == 1 else "float")

@@ -119,6 +119,7 @@ def _weights(op: Operator, prefix: str, count: int, leaves: Mapping[Key, Weights
         if not 0 <= target < count:
             raise UnsupportedOperatorError(f"target {target} does not exist")
         if (tree, node) in leaves:
+            # a leaf may name a target several times, whose weights add up
             weights = result.setdefault((tree, node), {})
             weights[target] = weights.get(target, 0.0) + float(weight)
     return result

@@ -106,6 +106,7 @@ def find_loaded_files(path: Path) -> LoadedFiles:
             for module in _modules(folder, name):
                 if module.name not in modules:
                     modules[module.name] = module
+                    # relative imports count from the package itself, or from that of the module
                     inner = module.name if module.is_package else module.name.rpartition(".")[0]
                     waiting.append((inner, module.path, module.content))
     sources = {module.path for module in modules.values()}

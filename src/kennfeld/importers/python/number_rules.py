@@ -151,6 +151,7 @@ def within(rule: Rule, low: float, high: float, ends: bool = True) -> EvaluatorR
     def apply_rule(evaluator: SymbolicEvaluator, x: Nodes) -> Nodes:
         builder, apply = evaluator.builder, Elementwise(evaluator.builder)
         below, above = ("lt", "gt") if ends else ("le", "ge")
+        # where bounds are known, a check would cost a node and show a failure that cannot occur
         least, most = _lowest(builder, x), _highest(builder, x)
         if least < low or (least == low and not ends):
             evaluator.fail_where(apply(below, x, low))

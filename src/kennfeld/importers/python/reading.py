@@ -123,6 +123,7 @@ def is_exact(number: int) -> bool:
 def _assigned_once(tree: ast.Module) -> Iterator[tuple[str, ast.expr]]:
     """Yield the names that a file assigns outside of functions and nowhere else, with their values."""
     assigned = Counter(n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and not isinstance(n.ctx, ast.Load))
+    # a function that declares a name `global` may assign it in any call
     changed = {name for node in ast.walk(tree) if isinstance(node, ast.Global) for name in node.names}
     for item in tree.body:
         match item:

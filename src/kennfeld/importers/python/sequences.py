@@ -57,6 +57,7 @@ class SequenceTranslation(NumberTranslation):
         known = all((end is None) == (number is None) for end, number in zip(_ends(part), ends, strict=True))
         if items is None or not known or ends[2] == 0:
             return None
+        # Python computes all elements before it cuts: those that may fail are computed with the first that is kept
         chosen = range(len(items))[slice(*(None if number is None else int(number) for number in ends))]
         skipped = [item for at, item in enumerate(items) if at not in chosen]
         if not chosen and any(map(_may_fail, skipped)):
@@ -93,6 +94,7 @@ class SequenceTranslation(NumberTranslation):
                     return [(m.Number(float(at)),) for at in range(*ends)]
                 case "zip", [_, *_] if len(lists) == len(parts):
                     rows = list(zip(*lists, strict=False))
+                    # Python has computed what `zip` leaves out, and has stopped if that failed
                     is_cut = any(_may_fail(item) for items in lists for item in items[len(rows) :])
                     return None if is_cut else rows
                 case "enumerate", [items] if len(parts) == 1:
@@ -172,6 +174,7 @@ class SequenceTranslation(NumberTranslation):
             raise untranslated(tree)
         breakpoints, values = self.elements(arguments[1]), self.elements(arguments[2])
         points = [item.value for item in breakpoints or () if isinstance(item, m.Number)]
+        # numpy.interp does not check this; its results mean nothing then
         is_rising = all(a < b for a, b in pairwise(points))
         if not breakpoints or not values or not len(breakpoints) == len(values) == len(points) or not is_rising:
             raise untranslated(tree)

@@ -246,6 +246,7 @@ class PythonTranslation(SequenceTranslation):
             raise UntranslatableError(f"{called.name} returns another number of values", tree.lineno)
         is_inner = isinstance(tree.func, ast.Name) and tree.func.id in self.scope.inner
         around = [*self._names_around(called)] if is_inner else []
+        # names of the enclosing function become arguments in addition to its own
         arguments = [ast.copy_location(ast.Name(name, ast.Load()), tree) for name in around]
         scope = FunctionScope(names=set(around), inner=dict(self.scope.inner) if is_inner else {})
         passed: list[m.Expression] = []
@@ -290,6 +291,7 @@ def _arguments(called: ast.FunctionDef, tree: ast.Call, constants: dict[str, flo
         raise untranslated(tree)
     defaults = called.args.defaults
     values = dict(zip(names[len(names) - len(defaults) :], defaults, strict=True))
+    # Python computes a default where the function is defined: only a number is the same at each call
     if any(number_of(default, constants) is None for default in defaults):
         raise UntranslatableError(f"a default of {called.name} is not a number", called.lineno)
     values |= dict(zip(names, tree.args, strict=False)) | {str(each.arg): each.value for each in tree.keywords}

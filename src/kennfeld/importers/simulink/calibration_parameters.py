@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Block, Parameter, Scalar, parameter
+from kennfeld.domain.parameters import Block, Parameter, Scalar, parameter
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.importers.simulink.variables.mask_scope import Variable, nested_field
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
@@ -44,6 +45,7 @@ class DeclaredParameters:
         if numbers.size == 1:
             scalar = Scalar(name, float(numbers.ravel()[0]), **_source_attributes(variable, ()))
             return np.full(shape, builder.lookup(self._declare(scalar, variable).name), dtype=np.int64)
+        # infinite limits and NaN as a mark are not values to calibrate
         if not np.all(np.isfinite(numbers)):
             return constants(builder, numbers)
         return self._block(builder, name, numbers, variable).reshape(shape)
@@ -69,6 +71,7 @@ class DeclaredParameters:
         """Return the axis, without its name if another axis of that name has other breakpoints."""
         if not axis.name:
             return axis
+        # a set of parameters refuses two axes of one name
         known = self._axes.setdefault(axis.name, axis)
         return known if np.array_equal(known.breakpoints, axis.breakpoints) else axis.changed(name="")
 

@@ -112,6 +112,7 @@ def _best_names(graph: Graph) -> list[str]:
     named = {graph.names[name] for name in graph.outputs}
     kept = dict.fromkeys(graph.outputs)
     for name, at in graph.names.items():
+        # a number or an input is written where it is used and needs no line of its own
         is_leaf = not graph.nodes[at].args and graph.nodes[at].op != "state"
         if at not in named and not is_leaf:
             named.add(at)

@@ -8,7 +8,7 @@ import numpy as np
 
 from kennfeld.base.errors import ArgumentError, InputError
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.domain.parameters import Axis
+from kennfeld.domain.axis import Axis
 from kennfeld.importers.simulink.expressions.code_parameters import resolve_parameter
 from kennfeld.importers.simulink.expressions.parameter_expressions import parameter_value_at
 from kennfeld.importers.simulink.lowering.block_context import BlockContext

@@ -136,6 +136,7 @@ def summarize_model(path: str | Path, folders: Iterable[str | Path] = ()) -> Mod
 
 def _ports(system: System, kind: str) -> tuple[Port, ...]:
     """Return the ports of a system by number, without those for function calls."""
+    # a port for function calls carries no values
     signals = [block for block in system.of(kind) if not block.is_set_to("OutputFunctionCall", "on")]
     ports = ((block.name, block.value("Unit") or "") for block in sorted(signals, key=port_number))
     return tuple(Port(name, "" if unit == "inherit" else unit) for name, unit in ports)
@@ -201,6 +202,7 @@ def _workspace(document: ModelDocument) -> Iterator[DataSource]:
     if workspace.kind == "m-code":
         yield DataSource("model workspace", "MATLAB code", _first_line(workspace.text))
     elif workspace.kind == "file":
+        # a path out of the folder is not followed: the model may be a stranger's
         is_there = Path(workspace.text).name == workspace.text and (document.path.parent / workspace.text).is_file()
         place = "next to the model" if is_there else _MISSING
         yield DataSource("model workspace", workspace.text, place)
@@ -216,6 +218,7 @@ def _read_dictionary(document: ModelDocument, name: str) -> tuple[DataSource, tu
     path = document.path.parent / name
     content = _MISSING
     findings: tuple[Finding, ...] = ()
+    # as above, nothing outside of the folder is opened
     if Path(name).name == name and path.is_file():
         try:
             data = read_dictionary(path).data

@@ -6,10 +6,11 @@ import numpy as np
 
 from kennfeld.base.arrays import Float, Int
 from kennfeld.base.errors import Findings
+from kennfeld.domain.axis import AXIS_LETTERS
 from kennfeld.domain.constraints import Equality, Pin, Shape, Term
 from kennfeld.domain.free_axes import AxisKey, FreeAxis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import AXIS_LETTERS, Parameter
+from kennfeld.domain.parameters import Parameter
 from kennfeld.domain.table_parts import grid_points_within
 from kennfeld.graph.interpolation import cell_weights, position, table_weights
 from kennfeld.graph.value_layout import ValueLayout

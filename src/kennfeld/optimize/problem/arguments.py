@@ -7,10 +7,11 @@ from typing import Any, Literal, Protocol, TypedDict
 import numpy as np
 
 from kennfeld.base.errors import ArgumentError
+from kennfeld.domain.axis import AXIS_LETTERS
 from kennfeld.domain.constraints import Equality, Limit, Pin, Shape
 from kennfeld.domain.criteria import Criterion
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import AXIS_LETTERS, Parameter, Scalar
+from kennfeld.domain.parameters import Parameter, Scalar
 from kennfeld.domain.storage import RoundingMethod
 from kennfeld.models import Model
 from kennfeld.optimize.problem.options import Options

@@ -10,8 +10,8 @@ import numpy as np
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import Finding, Location
 from kennfeld.base.formatting import count_noun
+from kennfeld.domain.axis import AXIS_LETTERS
 from kennfeld.domain.free_axes import AxisKey, key_of, with_breakpoints
-from kennfeld.domain.parameters import AXIS_LETTERS
 from kennfeld.domain.storage import RoundingMethod, StorageGrid, StorageRounding, storage_findings
 from kennfeld.optimize.problem.problem import Problem
 

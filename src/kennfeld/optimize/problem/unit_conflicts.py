@@ -8,10 +8,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from kennfeld.base.errors import Finding, Location
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.axis import AXIS_LETTERS
 from kennfeld.domain.criteria import Criterion
 from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import AXIS_LETTERS
 from kennfeld.graph import Graph
 from kennfeld.graph.traversal import coordinates_of
 from kennfeld.preprocessing.units import UnitConversion, Units, compare_units, is_unit_missing

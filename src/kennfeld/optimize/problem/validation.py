@@ -6,11 +6,11 @@ import numpy as np
 
 from kennfeld.base.errors import Finding, Findings, Fix, InputError, Location
 from kennfeld.base.formatting import count_noun, nearest
+from kennfeld.domain.axis import AXIS_LETTERS
 from kennfeld.domain.constraints import Shape, Term
 from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.free_axes import AxisKey, FreeAxis, key_of
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import AXIS_LETTERS
 from kennfeld.domain.table_parts import missing_directions
 from kennfeld.graph import Graph
 from kennfeld.graph.external_function import is_sequential

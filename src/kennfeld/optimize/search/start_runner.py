@@ -12,9 +12,9 @@ from kennfeld.base.errors import InputError
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.task_runner import RunnerLostError
 from kennfeld.base.threads import blas_threads
+from kennfeld.domain.axis import AXIS_LETTERS
 from kennfeld.domain.free_axes import breakpoints_by_name, free_axes, key_of, with_fixed_axes, with_labelled
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import AXIS_LETTERS
 from kennfeld.optimize.fit.fit import FitRun
 from kennfeld.optimize.fit.result import Checkpoint, CheckpointSink, Progress, Seconds, StartResult, TraceLine
 from kennfeld.optimize.limits.linear_limits import linear_limits

@@ -13,11 +13,12 @@ import numpy as np
 from kennfeld.base.arrays import Bool, Int
 from kennfeld.base.errors import Finding, Findings, Location
 from kennfeld.base.formatting import nearest
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.constraints import Equality, Shape, Term
 from kennfeld.domain.criteria import Criterion
 from kennfeld.domain.free_axes import with_fixed_axes
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Parameter
+from kennfeld.domain.parameters import Parameter
 from kennfeld.graph.interpolation import cell_weights, position
 from kennfeld.optimize.limits.linear_limits import grid_points
 from kennfeld.optimize.problem.options import Step, matching

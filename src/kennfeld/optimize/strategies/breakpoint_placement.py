@@ -20,8 +20,9 @@ import numpy as np
 
 from kennfeld.base.arrays import Bool, Float, Int
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.free_axes import AxisKey
-from kennfeld.domain.parameters import Axis, Parameter
+from kennfeld.domain.parameters import Parameter
 from kennfeld.graph.interpolation import cell_weights, position
 from kennfeld.native.symmetric import as_array
 from kennfeld.optimize.limits.linear_limits import breakpoint_bounds, linear_limits

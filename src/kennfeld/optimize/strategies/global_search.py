@@ -43,7 +43,6 @@ from kennfeld.optimize.strategies.limit_excess import FEASIBLE
 from kennfeld.optimize.strategies.output_limits import AugmentedLagrangian, OutputLimits
 from kennfeld.optimize.sums.objective import LeastSquaresObjective
 
-FEW = 30  # values up to which a search without gradients is a good idea
 FEWEST = 5  # values up to which restarts can cover the space; a jagged cost needs them
 EVALUATIONS, EVALUATIONS_OF_FEWEST = 500, 2000  # by default, for each value and 4 more
 RUNS_SHARE = 0.95  # of the evaluations; the rest compares the end with its neighbours

@@ -7,8 +7,8 @@ from kennfeld.base.errors import Finding, Location
 from kennfeld.base.formatting import join_names
 from kennfeld.graph.events import Event, events
 from kennfeld.optimize.problem.problem import Problem, difference
-from kennfeld.optimize.strategies.global_search import FEW
 
+FEW = 30  # values up to which a search without gradients is a good idea
 MAX_EVENTS = 4  # in a warning
 MAX_NAMES = 5  # of parameters in a warning
 

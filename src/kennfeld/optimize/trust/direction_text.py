@@ -7,9 +7,10 @@ import numpy as np
 
 from kennfeld.base.arrays import Bool, Float, Int
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.axis import AXIS_LETTERS
 from kennfeld.domain.constraints import Pin
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import AXIS_LETTERS, Parameter
+from kennfeld.domain.parameters import Parameter
 from kennfeld.domain.rbf import RBF
 from kennfeld.graph import Graph
 from kennfeld.optimize.trust.remedies import Remedy

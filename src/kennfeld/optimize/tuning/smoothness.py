@@ -15,7 +15,7 @@ import numpy as np
 
 from kennfeld.base.arrays import Bool, Float, Sparse
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.domain.parameters import AXIS_LETTERS
+from kennfeld.domain.axis import AXIS_LETTERS
 from kennfeld.native.block_matrix import BlockMatrix, BlockStorage
 from kennfeld.native.symmetric import as_sparse
 from kennfeld.optimize.fit.fit import CHOICE

@@ -3,9 +3,10 @@
 import numpy as np
 
 from kennfeld.base.arrays import Float
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.dataset import Channel, Dataset, Use
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Curve, Map
+from kennfeld.domain.parameters import Curve, Map
 from kennfeld.project.demo import diesel_drive
 from kennfeld.project.demo.diesel_drive import STEP, drive
 

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from kennfeld.base.arrays import Float
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.dataset import Channel, Dataset, Use
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis, Curve, Map
+from kennfeld.domain.parameters import Curve, Map
 from kennfeld.project.demo.petrol_engine import drag, torque
 
 NOISE, UNIT = 1.8, "Nm"  # standard deviation of the torque measurement

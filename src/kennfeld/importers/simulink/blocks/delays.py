@@ -183,6 +183,7 @@ def tapped_delay(block: BlockContext) -> SignalOrBus:
     if init.size != 1:
         raise UnsupportedError("it has several initial values, which is not supported")
     taps = _taps(block, init, steps, None, None)
+    # the samples before change at major steps only; the present one must not move between them
     if block.is_on("includeCurrent"):
         taps = [block.hold_in_minor_steps(block.input()), *taps]
     if any(tap.size != 1 for tap in taps):

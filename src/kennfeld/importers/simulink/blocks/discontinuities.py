@@ -77,6 +77,7 @@ def quantizer(block: BlockContext) -> SignalOrBus:
 @block("Relay", OnSwitchValue="eps", OffSwitchValue="eps", OnOutputValue="1", OffOutputValue="0", SampleTime="-1")
 def relay(block: BlockContext) -> SignalOrBus:
     """Switch on at one value and off at another, hold in between; initially off."""
+    # it switches at major steps only, and keeps its state within a step of the solver
     u = block.hold_in_minor_steps(block.input())
     on, off = block.parameter("OnSwitchValue"), block.parameter("OffSwitchValue")
     is_on = block.feedback(block.constant(0.0), lambda before: select(u >= on, 1.0, select(u <= off, 0.0, before)))

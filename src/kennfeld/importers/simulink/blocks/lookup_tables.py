@@ -8,7 +8,8 @@ import numpy as np
 
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.formatting import join_names, size_text
-from kennfeld.domain.parameters import Axis, Parameter
+from kennfeld.domain.axis import Axis
+from kennfeld.domain.parameters import Parameter
 from kennfeld.importers.simulink.blocks.spline_interpolation import (
     interpolate_by_akima,
     interpolate_by_spline,

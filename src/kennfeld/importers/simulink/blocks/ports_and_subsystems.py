@@ -227,6 +227,7 @@ def _condition(block: BlockContext, port: str, u: Signal) -> Signal:
         return apply("ne", u, 0.0)
     if kind is None:
         raise UnsupportedError(f"TriggerType {written[:60]!r} is not supported")
+    # Simulink looks for edges at major steps only, not within a step of the solver
     return _any(block, block.zero_crossing(block.hold_in_minor_steps(u), kind))
 
 

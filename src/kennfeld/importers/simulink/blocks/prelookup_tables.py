@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from kennfeld.domain.parameters import Axis
+from kennfeld.domain.axis import Axis
 from kennfeld.importers.simulink.blocks.lookup_tables import (
     LookupMethod,
     breakpoint_axis,

@@ -110,6 +110,7 @@ class ParameterExpressions:
 
     def evaluate(self, text: str, scope: Scope, live: bool, names: Mapping[str, Nodes] | None = None) -> FieldValue:
         """Return the value of an expression; raises `EvaluationError`."""
+        # such values hold for this call only
         if names is not None or self._assumed:
             return self._evaluate_text(text, scope, live, names or {})
         key = (text, id(scope), live)
@@ -127,8 +128,10 @@ class ParameterExpressions:
             except EvaluationError:
                 raise
             except ProgramError as error:
+                # these names stand for signals, which have no numbers yet
                 if names:
                     raise EvaluationError(error.message) from None
+                # functions without a rule on nodes are computed from the present values, which are then fixed
                 return self._evaluate_frozen(text, tree, scope, live, error.message)
         except InputError as error:
             raise EvaluationError(str(error.findings[0])) from None
@@ -187,6 +190,7 @@ class ParameterExpressions:
 
     def _query_model(self, evaluate: Evaluate, arguments: Sequence[m.Expression]) -> str:
         holder, *keys = arguments
+        # bdroot of any block is the model
         if isinstance(holder, m.Call) and holder.of == m.Name("bdroot"):
             holder = holder.of
         model, key = evaluate(holder), evaluate(keys[0]) if len(keys) == 1 else ""
@@ -232,8 +236,10 @@ class ParameterExpressions:
     def _find(self, path: Sequence[str], scope: Scope, live: bool) -> "FieldValue | None":
         """Return the value of a name or of a path of fields; None if the name is undefined."""
         name, variable = ".".join(path), scope.find(path[0])
+        # a number that may be divided by and is a size: the evaluation is to reach the next undefined name
         if name in self._assumed or path[0] in self._assumed:
             return s.constants(self.builder, np.ones((1, 1)))
+        # a struct that a mask passes on: its fields keep the names that they have outside, and are calibrated by these
         if isinstance(variable, MaskVariable) and len(path) > 1:
             outside = field_path(parse_expression(variable.text))
             return self._find([*outside, *path[1:]], variable.outside, live) if outside is not None else None
@@ -251,6 +257,7 @@ class ParameterExpressions:
 
     def _run_mask_code(self, variable: MaskCodeVariable) -> ParameterValue:
         """Return the value that mask code assigns to a name; its variables are frozen."""
+        # one run of the code serves all variables that it assigns
         key = variable.code, id(variable.outside)
         if key not in self._codes:
             from kennfeld.importers.simulink.variables.m_files import run_mask_code
@@ -263,6 +270,7 @@ class ParameterExpressions:
         return value
 
     def _known_number(self, name: str, scope: Scope) -> ParameterValue | None:
+        # code may read what is unknown here, and not need it for the variables that are asked for
         try:
             return self._variable_value(name, scope)
         except EvaluationError:

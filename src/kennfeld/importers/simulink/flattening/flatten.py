@@ -223,6 +223,7 @@ def _kind(block: ModelBlock, known: Mapping[str, bool]) -> str:
         return "MATLAB Function"
     if block.type == "Reference" and block.reference is not None:
         return linked_type(block.reference, known)
+    # many blocks of libraries are masked subsystems, which only their mask names
     if block.type == "SubSystem" and block.mask is not None and block.mask.type:
         return block.mask.type
     return block.type

@@ -104,6 +104,7 @@ class SinglePrecisionBuilder(BoundedGraphBuilder):
         return self._single[node]
 
     def _is_single(self, op: str, args: Sequence[int], payload: object) -> bool:
+        # a number that single precision holds exactly needs no rounding
         if op == "const" and isinstance(payload, float):
             with np.errstate(over="ignore"):
                 return float(np.float32(payload)) == payload or payload != payload

@@ -148,6 +148,7 @@ def _with_truth_tables(chart: StoredChart, tables: Mapping[str, TruthTable]) -> 
         transitions=(*chart.transitions, *(transition for flow in flows for transition in flow.transitions)),
         data=(*chart.data, *(data for flow in flows for data in flow.data)),
     )
+    # the block Truth Table is a chart of one table, which it runs in each step
     return _of_table_block(chart) if chart.kind == _TABLE and len(tables) == 1 else chart
 
 

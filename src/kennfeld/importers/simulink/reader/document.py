@@ -135,6 +135,7 @@ def read_workspace(model: SectionNode, stored: Callable[[], StoredWorkspace]) ->
     code = setting(model, "WSMATLABCode") or setting(model, "WSMCode")
     if "Code" in source and code.strip():
         return StoredWorkspace("m-code", text=code)
+    # "MATLAB Code" contains MAT, too: without code, it names no file
     name = setting(model, "WSSourceFileName") or setting(model, "WSDataSourceFile")
     if "MAT" in source and "Code" not in source and name:
         return StoredWorkspace("file", text=name)

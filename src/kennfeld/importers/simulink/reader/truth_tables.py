@@ -53,6 +53,7 @@ def read_truth_table(section: SectionNode) -> TruthTable | None:
     rows, listed = _rows(table.get("predicateArray")), _rows(table.get("actionArray"))
     if not rows or any(len(row) < 2 for row in listed):
         return None
+    # columns: description, condition, then one for each decision, whose actions are in the last row
     *conditions, last = rows
     actions = tuple(_labelled(row[1]) for row in listed)
     decisions = []
@@ -140,6 +141,7 @@ def table_flow(table: TruthTable, state: StoredState) -> TableFlow:
     """Return the flow chart in C that does what a truth table says."""
     names = [f"{state.id} row {at}" for at in range(len(table.decisions) + 3)]
     start, *rows, last, end = names
+    # all conditions are evaluated before the first decision; the line break ends a comment behind one
     conditions = "\n".join(f"{_variable(at)} = {code}\n;" for at, code in enumerate(table.conditions))
     edges = [
         ("", start, f"{{{_special(table, _FIRST)}}}", 1),

@@ -57,10 +57,13 @@ def _check(chart: StoredChart) -> None:
     """Reject settings that change the execution of a chart."""
     if chart.update == "CONTINUOUS":
         raise UnsupportedError("continuous-time charts are not supported", DEFAULT_REMEDY)
+    # in a Moore chart, the actions of a step precede its transitions; here they follow, as in a classic chart
     if "MOORE" in chart.settings.get("stateMachineType", "").upper():
         raise UnsupportedError("Moore charts are not supported", DEFAULT_REMEDY)
+    # with super steps, a chart goes on taking transitions within one time step
     if chart.settings.get("enableNonTerminalStates", "0") != "0":
         raise UnsupportedError("super step semantics are not supported", DEFAULT_REMEDY)
+    # an output that no action of a step writes would fall back to its initial value; here it is held
     if chart.settings.get("initializeOutput", "0") != "0":
         raise UnsupportedError("initializing outputs at every wake-up is not supported", DEFAULT_REMEDY)
     ids = [*(state.id for state in chart.states), *(junction.id for junction in chart.junctions)]
@@ -301,6 +304,7 @@ class _Chart:
         event = self.diagram.events.get(("", name))
         if event is not None and event.written.scope == "OUTPUT_EVENT":
             key = f"output {event.key}"
+            # a call belongs to one hit; it is not held until the next, as the level of a trigger is
             if event.written.trigger == "FUNCTION_CALL_EVENT":
                 node = self.calls.node(name)
                 return scalar(node if self.hit is None else self.builder.call("and", self.hit, node), period)

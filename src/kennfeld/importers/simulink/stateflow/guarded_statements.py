@@ -118,6 +118,7 @@ class GuardedStatements(ChartPart):
             return
         base, indices = (target.of, target.arguments) if isinstance(target, m.Call) else (target, None)
         key = self.values.resolve_key(base, context)
+        # in a function, the first assignment to a name makes a variable of this call
         if key is None and context.frame and isinstance(base, m.Name) and indices is None:
             key = f"{context.frame}.{base.name}"
         if key is None:
@@ -247,6 +248,7 @@ class ChartFunctionCalls(ChartPart):
             frame, after = self._run(function, arguments, context, guard)
         results = [f"{frame}.{name}" for name in function.results]
         missing = [name for name in results if name not in self.variables]
+        # without a guard after it, no path returns from the call, and nothing reads the results
         if missing and after is not None:
             raise UnsupportedError(f"function {function.name} does not assign its output {missing[0].split('.')[-1]}")
         return [self.variables.values[name] for name in results], after

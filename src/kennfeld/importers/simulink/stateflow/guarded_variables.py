@@ -230,6 +230,7 @@ class GuardLogic:
                 continue
             side = args[1] if known else args[2]
             number = self.builder.value(side)
+            # two different constants: no run gets here
             if number is not None and number != self.builder.value(value):
                 return False
             if side not in guard.values and self.builder.nodes[side].op in ("state", "select"):
@@ -253,6 +254,7 @@ class GuardLogic:
         for item in known[1:]:
             node = self.builder.call("or", node, item.node)
         first, *rest = known
+        # where paths meet, only what all of them agree on is certain
         facts = {k: v for k, v in first.facts.items() if all(item.facts.get(k) == v for item in rest)}
         values = {k: v for k, v in first.values.items() if all(item.values.get(k) == v for item in rest)}
         clauses = [item for item in first.clauses if all(item in other.clauses for other in rest)]

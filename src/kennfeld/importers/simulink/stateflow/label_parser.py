@@ -18,6 +18,7 @@ from kennfeld.importers.simulink.stateflow.c_action_parser import (
 from kennfeld.matlab.parser import parse_expression, parse_script
 from kennfeld.program import tree as m
 
+# MATLAB has neither `x++` nor `x += y`; Stateflow takes both as statements of this language, too
 _STEP = re.compile(r"(?m)(^|[;,\n])([ \t]*)([A-Za-z]\w*(?:\.\w+)*(?:\([^()\n]*\))?)[ \t]*(\+\+|--)[ \t]*(?=$|[;,\n])")
 _CHANGE = re.compile(r"(?m)(^|[;,\n])([ \t]*)([A-Za-z]\w*(?:\.\w+)*(?:\([^()\n]*\))?)[ \t]*([-+*/])=(?!=)([^;\n]*)")
 _OR = re.compile(r"\|\||\|")
@@ -86,6 +87,7 @@ def parse_state_label(label: str, language: str = "C") -> StateLabel:
     name = _NAME.match(text)
     if name is None:
         return StateLabel("")
+    # the slash behind the name is optional
     rest = text[name.end() :].lstrip().removeprefix("/")
     heads = list(_HEAD.finditer(rest))
     plain = rest[: heads[0].start()].strip() if heads else rest.strip()
@@ -108,6 +110,7 @@ def parse_transition_label(label: str, language: str = "C") -> TransitionLabel:
     ('after(a/b, sec)', 'x[1] > 0', 'y = 1;', 'z = 2;')
     """
     text = _clean(label, language).strip()
+    # Stateflow shows a question mark in place of an empty label
     if text == "?":
         return TransitionLabel()
     event, at = _event(text, language)
@@ -128,6 +131,7 @@ def strip_comments(text: str, language: str) -> str:
     """
     comments, texts = _COMMENTS[language], _TEXT[language]
     parts, at = [], 0
+    # texts are matched, too, so that no comment begins within one
     for match in re.finditer(f"(?P<text>{texts.pattern})|(?P<comment>{comments.pattern})", text, comments.flags):
         parts += [text[at : match.start()], match["text"] if match["text"] is not None else " "]
         at = match.end()
@@ -215,6 +219,7 @@ def _close(text: str, at: int, language: str) -> int:
     texts = _TEXT[language]
     while at < len(text):
         character = text[at]
+        # brackets in a text close nothing
         quoted = texts.match(text, at) if character in "\"'" else None
         if quoted is not None:
             at = quoted.end()

@@ -192,6 +192,7 @@ class JunctionSearch:
         """Return a waiting junction that no other one leads to, except in loops."""
         reach = self.machine.reach
         meetings = [(meeting, meeting[0]) for meeting in self._waiting if isinstance(meeting[0], JunctionNode)]
+        # a junction is left once, for all paths through it together: those that can still reach it come first
         for meeting, junction in meetings:
             others = (other for _, other in meetings if other is not junction)
             if not any(junction in reach[other] and other not in reach[junction] for other in others):

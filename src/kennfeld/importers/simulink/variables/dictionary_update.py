@@ -21,8 +21,9 @@ from kennfeld.base.formatting import join_names, size_text
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.calfiles.content import replace_spans
 from kennfeld.calfiles.format import WriteResult
+from kennfeld.domain.axis import AXIS_LETTERS
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import AXIS_LETTERS, Parameter
+from kennfeld.domain.parameters import Parameter
 from kennfeld.importers.simulink.reader.model_package import is_zip
 from kennfeld.importers.simulink.variables.data_dictionary import Dictionary, is_chunk, read_dictionary
 from kennfeld.importers.simulink.variables.dictionary_places import REAL, TRUTHS, NumberSpan, ValuePlace, value_places
@@ -139,6 +140,7 @@ class _Update:
             if names:
                 message = f"has no entry {join_names(names)}, but {file} does, to which it refers"
                 self.findings.warning(self.location, message, f"Write into {file}, too.")
+        # a dictionary of another model would be copied unchanged
         if missing and len(missing) == count:
             message = "has none of the parameters"
             self.findings.error(self.location, message, "Check the names; literals are in the model.")

@@ -8,8 +8,8 @@ import numpy as np
 
 from kennfeld.base.errors import Finding, Location
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
-from kennfeld.domain.parameters import Axis
 from kennfeld.importers.simulink.reader.model_tree import ModelBlock, StoredSolver, split_arguments
 from kennfeld.matlab.parser import parse_leniently
 from kennfeld.matlab.printer import format_expression
