@@ -1375,7 +1375,7 @@ export interface SurrogateQualityRow {
   max_abs: number | null;
 }
 
-/** Where surrogates are used outside of their training data, by surrogate and dataset. */
+/** Uses of surrogates outside of their training data, by surrogate and dataset. */
 export interface ValidityRows {
   rows: ValidityRow[];
 }
