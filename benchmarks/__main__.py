@@ -35,6 +35,7 @@ TOPICS = {
     "onnx": "benchmarks.onnx_networks",
     "smoothness": "benchmarks.automatic_smoothness",
     "missing": "benchmarks.missing_terms",
+    "scores": "benchmarks.candidate_scores",
     "rounding": "benchmarks.rounding",
     "static": "benchmarks.static_models",
     "dynamic": "benchmarks.dynamic_models",

@@ -226,6 +226,11 @@ def _measure_strips(table: Table, driver: Any, browser: str, address: str) -> No
     for _ in range(30):
         _zoom(page)
     _row(table, "zoom of raw samples", lambda: _zoom(page))
+    page.click("[data-screen=parameters]")
+    page.click("[data-parameter=MapTemperature]")
+    page.wait_for_selector("html[data-state=ready]")
+    numbers = iter(range(500, 100_000, 997))
+    _row(table, "edit of a cell until everything is drawn", lambda: _edit(page, next(numbers)))
     own.close()
 
 

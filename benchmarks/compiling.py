@@ -20,12 +20,12 @@ SAMPLES = 200
 REPEATS = 3
 SHORT = 10.0  # s; a model that takes longer is not compiled again
 WATCHED = {  # column: functions whose time it sums, by the module that calls them
-    "lower": ("kennfeld.optimize.problem.problem:lower",),
-    "split": ("kennfeld.optimize.problem.problem:split",),
+    "lower": ("kennfeld.optimize.problem.problem:lower_lookups",),
+    "split": ("kennfeld.optimize.sums.compiled:partition_graph",),
     "differentiate": ("kennfeld.native.kernel:differentiate",),
     "IR text": tuple(f"kennfeld.native.kernel:{name}" for name in ("cost_code", "tape_code", "start_code")),
     "LLVM": ("kennfeld.base.machine_code.engine:_object_code",),
-    "data-only part": ("kennfeld.preprocessing.samples:_preparation",),
+    "data-only part": ("kennfeld.optimize.sums.compiled:SampleAssembly",),
 }
 
 

@@ -40,7 +40,8 @@ _LINKED = "-Wl,--unresolved-symbols=ignore-all"  # of other functions in the fil
 # functions of floats, whose declarations take doubles under the options above: each needs its sibling of doubles
 _SINGLE = (
     "sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh exp exp2 expm1 log log2 log10 log1p sqrt cbrt floor "
-    "ceil round trunc rint nearbyint fabs pow atan2 hypot fmin fmax fmod fdim fma copysign"
+    "ceil round trunc rint nearbyint fabs pow atan2 hypot fmin fmax fmod fdim fma copysign "
+    "remainder ldexp scalbn scalbln frexp modf logb ilogb erf exp10 sincos lround lrint llround llrint"
 )
 _SUFFIX = re.compile(r"(?<![\w.])((?:\d+\.\d*|\.\d+|\d+)(?:[eE][+-]?\d+)?)[fF]\b")
 _ERROR = re.compile(r"^[ \t]*#[ \t]*error\b(?:.*\\\n)*.*$", re.MULTILINE)  # tests of the sizes of types

@@ -33,6 +33,7 @@ ASPECTS = {
     "line breaks": ("line breaks in units and descriptions", "become spaces"),
     "cubes": ("cubes, blocks with more than two dimensions", "no"),
     "missing values": ("missing values (NaN)", "no"),
+    "columns": ("blocks of a single column", "become blocks of one dimension"),
     "infinities": ("infinite values", "become missing values"),
     "bounds": ("bounds", "no"),
     "locks": ("locks", "no"),

@@ -70,7 +70,9 @@ class Page:
 
     def __init__(self, socket: ClientConnection) -> None:
         self.socket, self.state, self._count = socket, {}, 0
-        self.receive()  # the state
+        self.activities: list[str] = []  # what took a while
+        while self.receive()[0].get("push") != "state":
+            pass  # what takes a while is told before
 
     def receive(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the next frame; a pushed state is kept."""
@@ -83,6 +85,8 @@ class Page:
             at += 4 * size
         if head.get("push") == "state":
             self.state = head["state"]
+        if head.get("push") == "activity":
+            self.activities.append(head["text"])
         return head, arrays
 
     def ask(self, question: str, **arguments: Any) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

@@ -82,3 +82,19 @@ def test_the_screens_after_a_run_break_no_rule_of_axe(torque: Path) -> None:
         page.wait_for_function("() => !['idle', 'running'].includes(document.getElementById('job-state').innerText)")
         page.wait_for_selector(READY)
         assert dict(shown(page, ("optimization", "results", "parameters", "plots", "control-unit"))) == {}
+
+
+@needs_axe
+@pytest.mark.slow
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_the_platforms_of_an_fmu_break_no_rule_of_axe(exhaust: Path, theme: str) -> None:
+    with project_page(exhaust, "control-unit") as page:
+        if theme == "dark":
+            page.click("#theme")
+        page.wait_for_selector(".platforms label")
+        assert violations(page) == []
+        # as they are where a compiler for other platforms is installed
+        page.eval_on_selector_all(
+            ".platforms label", "all => all.forEach(e => { e.className = ''; e.firstElementChild.disabled = false; })"
+        )
+        assert violations(page) == []

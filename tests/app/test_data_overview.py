@@ -180,3 +180,23 @@ def test_steady_points_are_drawn_over_their_numbers(torque: Path) -> None:
     assert torque_facts["gaps"] == {}
     with pytest.raises(ArgumentError, match="no training data with time stamps"):
         ask(session, "shift-scan", channel="Speed")
+
+
+def test_a_file_with_several_groups_lists_them_with_their_steps(tmp_path: Path) -> None:
+    pytest.importorskip("asammdf")
+    from asammdf import MDF, Signal
+
+    fast, slow = np.arange(0, 2, 0.01), np.arange(0, 2, 0.1)
+    with MDF(version="4.10") as file:
+        file.append([Signal(slow, slow, name="Speed", unit="rpm")], comment="100ms")
+        file.append([Signal(fast, fast, name="Speed", unit="rpm")], comment="10ms")
+        file.save(tmp_path / "drive.mf4")
+    (tmp_path / "kennfeld.toml").write_text('[[dataset]]\nfiles = ["drive.mf4"]\n')
+    [dataset] = questions.ask(Session(tmp_path / "kennfeld.toml"), "files").head["datasets"]
+    [own] = dataset["files"]
+    assert {each["name"]: each["step"] for each in own["groups"]} == pytest.approx({"100ms": 0.1, "10ms": 0.01})
+    assert own["step"] == pytest.approx(0.01)
+    assert [(each["name"], each["group"]) for each in own["channels"] if each["name"] != "time"] == [
+        ("100ms/Speed", "100ms"),
+        ("10ms/Speed", "10ms"),
+    ]

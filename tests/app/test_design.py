@@ -134,14 +134,24 @@ def test_a_project_without_data_gets_points_that_fill_its_ranges(tmp_path: Path)
     assert any("no recordings" in row["message"] for row in proposed["remarks"])
 
 
-def test_a_stop_keeps_the_design_so_far(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = write_map(tmp_path, time=True)
+@pytest.mark.parametrize("request_of", [{"segments": 2}, {"n": 2}], ids=["segments", "points"])
+def test_a_stop_keeps_the_design_so_far(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request_of: dict[str, int]
+) -> None:
+    path = write_map(tmp_path, time="segments" in request_of)
     monkeypatch.setattr(design_work, "EVERY", 0.0)
     unsaved, candidates = {"kennfeld.toml": f"{MAP}[design]\nlength = 5.0\n"}, (str(tmp_path / "bench.csv"),)
-    task = design_work.DesignTask(path, unsaved, None, False, Request(segments=2), candidates)
+    task = design_work.DesignTask(path, unsaved, None, False, Request(**request_of), candidates)
     messages: list[Any] = []
     whole = task.run(messages.append)
-    first, *_ = [message.outcome.design for message in messages if isinstance(message, PartialOutcome)]
-    assert [segment.file for segment in first.segments] == ["bench.csv"]
-    assert "stopped: 1 of 2 segments were chosen" in str(first.findings[-1])
-    assert len(whole.design.segments) == 2
+    first, *_ = [message.outcome for message in messages if isinstance(message, PartialOutcome)]
+    assert len(first.design.segments or first.design.points) == 1
+    if first.design.segments:
+        assert first.design.segments[0].file == "bench.csv"
+    bench = Designing(path)
+    bench.session.design_work.outcome = first
+    shown = bench.ask("designs")["found"]
+    assert (shown["stopped"], shown["remarks"]) == ([1, 2], [])
+    assert len(shown["segments"] or shown["points"]) == 1
+    assert whole.design.stopped is None
+    assert len(whole.design.segments or whole.design.points) == 2

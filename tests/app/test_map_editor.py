@@ -1,5 +1,6 @@
 """The editor of a map in a browser: table, value field, surface and slices show and change the same values."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -203,3 +204,34 @@ def test_a_selection_is_fitted_alone_as_a_run_of_the_history(editor: Any) -> Non
     assert changed == {2 * width + 3, 2 * width + 4}
     editor.click("[data-screen=results]")
     editor.wait_for_selector("[data-set='1']:has-text('2 × 1 points only')")
+
+
+# moves the mouse over a picture until a box with values appears; returns its lines
+HOVER = """
+async canvas => {
+  const { left, top } = canvas.getBoundingClientRect();
+  for (let y = 4; y < canvas.clientHeight; y += 8) {
+    for (let x = 4; x < canvas.clientWidth; x += 8) {
+      canvas.dispatchEvent(new PointerEvent("pointermove", { clientX: left + x, clientY: top + y }));
+      for (let k = 0; k < 20; k++) await Promise.resolve();
+      const tip = document.querySelector(".tip.under");
+      if (tip) return [...tip.children].map(line => line.textContent);
+    }
+  }
+  return [];
+}
+"""
+
+
+def test_pictures_show_the_values_under_the_mouse(editor: Any) -> None:
+    for label in ("Surface of MapSettled, now and reference", "Slice of MapSettled over Speed"):
+        canvas = editor.locator(f"[aria-label='{label}'] canvas").first
+        value, *_, place = canvas.evaluate(HOVER)
+        along, across = re.fullmatch(r"\S+ (\S+) \S+, \S+ (\S+) \S+", place).groups()  # type: ignore[union-attr]
+        i, j = (
+            editor.locator(f"table.grid {line}").all_inner_texts().index(text) - 1
+            for line, text in (("tr:first-child th", along), ("tr th:first-child", across))
+        )
+        assert number(value.split()[0]) == pytest.approx(cell(editor, i, j), abs=0.6)
+        canvas.dispatch_event("pointerleave")
+        editor.wait_for_selector(".tip.under", state="detached")

@@ -1,5 +1,6 @@
 """The server: who may talk to it, what it survives, and several pages on one project."""
 
+import asyncio
 import io
 import json
 import os
@@ -15,12 +16,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from starlette.websockets import WebSocketDisconnect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from kennfeld.app.answer import Answer
-from kennfeld.app.server.server import packed
+from kennfeld.app.server.server import OpenPage, packed
 from kennfeld.project.demo import write
-from tests.app.serving import Served, served
+from tests.app.serving import Page, Served, served
 
 
 @pytest.fixture(scope="module")
@@ -215,6 +217,58 @@ def test_a_run_may_report_after_the_server_has_ended() -> None:
     server._pump_from_thread("")
 
 
+def test_a_page_opened_during_the_reading_of_its_project_shows_the_activity(
+    torque: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = torque.parent / "seen"
+    prelude = (
+        "import time; from kennfeld.app.workspace import AppWorkspace\n"
+        "def read(self, path, own=AppWorkspace.open, time=time):\n"
+        f"    self.say('Reading'); file = type(path)({str(seen)!r})\n"
+        "    while not file.exists(): time.sleep(0.01)\n"
+        "    return own(self, path)\n"
+        "AppWorkspace.open = read"
+    )
+    receive = Page.receive
+
+    def receive_and_go_on(self: Page) -> Any:
+        frame = receive(self)
+        if self.activities == ["Reading"]:
+            seen.touch()
+        return frame
+
+    monkeypatch.setattr(Page, "receive", receive_and_go_on)
+    with served(torque, prelude=prelude) as server:
+        assert server.request("GET", "/static/app.js", {"Cookie": server.cookie})[0] == 200
+        with server.page() as page:
+            assert page.activities[0] == "Reading"
+            assert page.state["project"]["path"] == str(torque)
+
+
+def test_a_project_that_cannot_be_opened_ends_the_server(tmp_path: Path) -> None:
+    from kennfeld.app.server.server import serve
+    from kennfeld.app.workspace import AppWorkspace
+    from kennfeld.base.errors import InputError
+
+    with pytest.raises(InputError, match="the project file does not exist"):
+        serve(AppWorkspace(), 0, lambda _: None, tmp_path / "kennfeld.toml")
+
+
+@pytest.mark.parametrize(("content", "message"), [(None, "does not exist"), (b"\xff", "is not text in UTF-8")])
+def test_what_is_not_a_project_is_refused_before_the_browser_starts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes | None, message: str
+) -> None:
+    from kennfeld.app import launch
+    from kennfeld.base.errors import InputError
+
+    monkeypatch.setattr(launch, "serve", lambda *_: pytest.fail("served"))
+    path = tmp_path / "kennfeld.toml"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputError, match=message):
+        launch.launch(path, browser=False)
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
 def test_sigterm_during_a_run_prints_nothing(tmp_path: Path) -> None:
@@ -243,3 +297,23 @@ def test_an_answer_that_cannot_be_sent_is_an_error_that_can(head: dict[str, Any]
     assert said["id"] == 7
     assert said["error"].startswith("The answer cannot be sent: ")
     assert said["arrays"] == []
+
+
+def test_the_state_after_a_command_precedes_its_answer_and_only_the_newest_one_waits() -> None:
+    sent: list[tuple[object, object]] = []
+
+    class Socket:
+        async def send_bytes(self, data: bytes) -> None:
+            head = json.loads(data[4 : 4 + struct.unpack_from("<I", data)[0]])
+            sent.append((head.get("push", "answer"), head["number"]))
+            if len(sent) == 5:
+                raise WebSocketDisconnect
+
+        async def close(self) -> None:
+            """Close nothing."""
+
+    page = OpenPage(Socket())  # type: ignore[arg-type]
+    for number, topic in enumerate(["", "state", "state", "", "state", "activity", "state"]):
+        page.put(Answer({"number": number}), topic)
+    asyncio.run(page.send_all())
+    assert sent == [("answer", 0), ("state", 2), ("answer", 3), ("activity", 5), ("state", 6)]

@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from kennfeld.project import Project
 from kennfeld.project.key_descriptions import describe_sections
 from tests.app.browser import READY
 from tests.app.shared_app import project_page
@@ -235,3 +236,49 @@ def test_a_new_limit_keeps_its_bounds_in_view_and_the_cursor(torque: Path) -> No
         page.click("#save")
         page.wait_for_selector("#save[disabled]")
     assert '[[limit]]\nnode = "TorquePredict"\nmin = -50\nmax = 400\n' in torque.read_text(encoding="utf-8")
+
+
+# all of it before a frame is painted and before an answer comes: only what runs at once can be seen
+AT_ONCE = """
+async steps => {
+  const turn = async () => { for (let k = 0; k < 20; k++) await Promise.resolve(); };
+  const press = (key, ctrlKey) => document.activeElement.dispatchEvent(
+    new KeyboardEvent("keydown", { key, ctrlKey, bubbles: true, cancelable: true }));
+  for (const step of steps) {
+    if (step.focus) document.querySelector(step.focus).focus();
+    if (step.text !== undefined) {
+      document.activeElement.value = step.text;
+      document.activeElement.dispatchEvent(new InputEvent("input", { bubbles: true }));
+    }
+    await turn();
+    if (step.key) press(step.key, step.control ?? false);
+    await turn();
+  }
+  return document.activeElement.closest("[data-setting]")?.dataset.setting ?? "";
+}
+"""
+
+
+def test_keys_that_follow_each_other_at_once_find_what_those_before_did(torque: Path) -> None:
+    with project_page(torque) as page:
+        page.click("[data-screen=parameters]")
+        page.click("[data-parameter=MapOptTorque]")
+        page.wait_for_selector(READY)
+        # the cursor is in the field when the palette closes
+        palette = [{"focus": "body", "key": "k", "control": True}, {"text": "parameters.bounds", "key": "Enter"}]
+        assert page.evaluate(AT_ONCE, palette) == "parameters.bounds"
+        lower, upper = (
+            f"[data-setting='parameters.bounds'] input[aria-label$='{side}']" for side in ("lower", "upper")
+        )
+        # the second bound keeps the first one, and a save has what was typed and not entered
+        page.evaluate(
+            AT_ONCE,
+            [
+                {"focus": lower, "text": "-50"},
+                {"focus": upper, "text": "900", "key": "Enter"},
+                {"text": "950", "key": "s", "control": True},
+            ],
+        )
+        page.wait_for_selector(READY)
+        page.wait_for_selector("#save:disabled")
+    assert Project.read(torque).file.parameters["MapOptTorque"].bounds == (-50, 950)

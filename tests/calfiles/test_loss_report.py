@@ -31,6 +31,8 @@ ASPECTS = {
     "free axis": Curve("C", Axis([0, 1], free=True), [1, 2]),
     "extrapolation": Curve("C", [0, 1], [1, 2], extrapolation="linear"),
     "group axis": Map("M", GROUP, LOAD, [[0, 1], [2, 3], [4, 5]]),
+    "block of one column": Block("B", [[1.0], [2.0]]),
+    "block of one row": Block("B", [[1.0, 2.0]]),
     "cube": Cube("Q", [LOAD, LOAD, GROUP], np.arange(12.0).reshape(2, 2, 3)),
     "text unit": Text("T", "on", unit="-"),
     "enumeration": Text("T", "on", kind="enumeration"),

@@ -11,7 +11,7 @@ from kennfeld.design.information import Information
 from kennfeld.design.open_directions import amount_of, reduced_functions, regular_curvature
 from kennfeld.design.point_design import design_points, point_kinds
 from kennfeld.design.segment_design import design_segments, reduce_recordings
-from kennfeld.design.segments import cut_files, cut_segments
+from kennfeld.design.segments import RecordedSegment, cut_files, cut_segments
 from tests.design.fits import MAP, drive, fitted, lag_fit, map_fit, product_fit, surface
 
 NARROW, WIDE = (0.0, 0.25, 0.5), (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -390,12 +390,32 @@ def test_recordings_that_were_dropped_before_a_stop_stay_dropped():
     assert str(proposal.findings[0]) == "design: stopped: 1 of 3 recordings were chosen"
 
 
-def test_a_stopped_choice_of_points_says_so():
+@pytest.mark.parametrize("names", [(), ("*",)], ids=["use", "names"])
+def test_a_stopped_choice_of_points_has_those_so_far_and_says_so(names):
     fit = fitted(map_fit())
     columns = {name: np.random.default_rng(0).uniform(0, 1, 50) for name in ("n", "l")}
-    proposal, chosen = design_points(fit, columns, 5, fit.problem.datasets, stop=lambda: True)
-    assert chosen.size == 1
-    assert "stopped: 1 of 5 points were chosen" in str(proposal.findings[-1])
+    designs = []
+
+    def watch(design_so_far):
+        designs.append(design_so_far())
+        return len(designs) == 2
+
+    proposal, chosen = design_points(fit, columns, 5, fit.problem.datasets, names=names, watch=watch)
+    assert [own.size for _, own in designs] == [1, 2]
+    assert set(chosen) == set(designs[-1][1])
+    assert proposal.stopped == designs[-1][0].stopped == (2, 5)
+    assert "stopped: 2 of 5 points were chosen" in str(proposal.findings[-1])
+    np.testing.assert_array_equal(proposal.after["M"], designs[-1][0].after["M"])
+
+
+def test_a_choice_ends_after_max_seconds_with_what_was_chosen():
+    result = map_fit()
+    ranges = {"n": (0, 1), "l": (0, 1)}
+    with pytest.warns(kf.InputWarning, match="stopped: 1 of 6 points were chosen"):
+        proposal = design(result, n=6, ranges=ranges, max_seconds=1e-9)
+    assert len(proposal.points) == 1
+    with pytest.raises(kf.InputError, match="max_seconds"):
+        design(result, n=6, ranges=ranges, max_seconds=0)
 
 
 def test_recordings_of_one_name_get_numbers():
@@ -403,3 +423,59 @@ def test_recordings_of_one_name_get_numbers():
     assert [each.file for each in cut_files(drives)] == ["drive (1)", "drive (2)", "drive (3)"]
     segments = cut_segments([*drives[:2], drive(30, WIDE, 3, name="other")], 15.0, 0.0)
     assert [each.file for each in segments] == ["drive (1)"] * 2 + ["drive (2)"] * 2 + ["other"] * 2
+
+
+def two_nodes(n, l, random):  # noqa: E741
+    y = 2 + np.sin(3 * n) + l
+    noise = random.normal(0, 1, (2, n.size))
+    return {"n": n, "l": l, "my": y + 0.1 * noise[0], "mz": y * (1 + n) + 0.5 * noise[1]}
+
+
+def fit_two_nodes(data):
+    axis = np.linspace(0, 1, 4)
+    start = [kf.Map("M", kf.Axis(axis, "n"), kf.Axis(axis, "l"), np.full((4, 4), 2.0)), kf.Curve("K", axis, np.ones(4))]
+    criteria = [kf.Criterion("y", "my"), kf.Criterion("z", "mz")]
+    text = "y = M(n, l)\nz = y * K(n)"
+    return kf.calibrate(text, data, kf.ParameterSet(start), criteria=criteria, smoothness=1e-3)
+
+
+@pytest.mark.parametrize("weight", [1.0, 4.0])
+def test_deviations_are_those_of_a_refit_if_criteria_differ_in_noise_and_data_have_a_weight(weight):
+    random = np.random.default_rng(0)
+    known = two_nodes(random.uniform(0, 0.6, 400), random.uniform(0, 1, 400), random)
+    bench = kf.Dataset.of("bench", known, weight=weight)
+    proposal = design(fit_two_nodes(bench), n=40, ranges={"n": (0, 1), "l": (0, 1)})
+    n, l = (np.array([point[name] for point in proposal.points]) for name in "nl")  # noqa: E741
+    refit = fit_two_nodes([bench, kf.Dataset.of("new", two_nodes(n, l, random), weight=weight)])
+    np.testing.assert_allclose(proposal.after["M"], refit.trust.deviation["M"], rtol=0.1)
+    # a deviation of a factor also depends on the values themselves, which differ between the fits
+    np.testing.assert_allclose(proposal.after["K"][:3], refit.trust.deviation["K"][:3], rtol=0.1)
+    assert np.nanmax(proposal.before["M"] / proposal.after["M"]) > 1.2
+
+
+def test_recordings_are_dropped_by_their_weight_and_by_the_targets_that_they_have():
+    random = np.random.default_rng(0)
+    parts = [two_nodes(random.uniform(0, 1, 60), random.uniform(0, 1, 60), random) for _ in range(4)]
+    for part in parts[:2]:
+        part["mz"] = np.full(60, np.nan)  # says nothing of K
+    weights = (1.0, 1.0, 1.0, 1e-3)
+    recordings = [
+        kf.Dataset.of(f"part {number}", part, weight=weight)
+        for number, (part, weight) in enumerate(zip(parts, weights, strict=True))
+    ]
+    proposal = design(fit_two_nodes(recordings), reduce=True, keep=2)
+    assert proposal.drop[0] == "part 3"
+    assert set(proposal.drop) <= {"part 3", "part 0", "part 1"}
+    kept = [recording for recording in recordings if recording.name not in proposal.drop]
+    refit = fit_two_nodes(kept)
+    np.testing.assert_allclose(proposal.after["K"], refit.trust.deviation["K"], rtol=0.03)
+
+
+def test_a_recording_that_is_cut_out_keeps_its_pieces_and_its_weight():
+    data = kf.Dataset.of(
+        "d", {"u": np.arange(10.0)}, time=[0, 1, 2, 3, 0, 1, 2, 3, 4, 5], piece_starts=[0, 4], weight=3.0
+    )
+    whole = RecordedSegment(0, "d", 0, 0, 10, 0.0, 5.0).cut(data)
+    assert (whole.piece_starts.tolist(), whole.weight) == ([0, 4], 3.0)
+    part = RecordedSegment(0, "d", 5, 7, 10, 3.0, 5.0).cut(data)
+    assert (part.piece_starts.tolist(), part.counting.tolist()) == ([0], [False, False, True, True, True])

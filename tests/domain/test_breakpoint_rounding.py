@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from kennfeld import ArgumentError, Axis
-from kennfeld.domain.breakpoint_rounding import nice_step, rounded, separated
+from kennfeld.domain.breakpoint_rounding import evenly_spaced, nice_step, rounded, separated
 from tests.draws import few_or_many
 
 numbers = st.floats(allow_nan=False, allow_infinity=False, width=64)
@@ -130,3 +130,16 @@ class TestAxis:
     def test_a_fitted_axis_is_rounded_and_fixed(self):
         axis = Axis([0.0, 12.9973, 20.0], input="Load", free=True, min_distance=0.5, range=(0, 20))
         assert axis.rounded() == Axis([0, 13, 20], input="Load")
+
+
+@few_or_many(st.integers(-999, 999), st.integers(1, 999), st.integers(1, 40), few=20, many=500)
+def test_evenly_spaced_decimals_are_the_numbers_that_one_writes(begin, step, cells):
+    points = evenly_spaced(begin / 100, (begin + step * cells) / 100, cells + 1)
+    assert points.tolist() == [float(Decimal(begin + step * k) / 100) for k in range(cells + 1)]
+
+
+@few_or_many(moderate, moderate, st.integers(2, 40), few=20, many=500)
+def test_evenly_spaced_breakpoints_are_those_of_numpy_but_for_rounding(begin, end, count):
+    points, exact = evenly_spaced(begin, end, count), np.linspace(begin, end, count)
+    assert np.abs(points - exact).max() <= 1e-15 * max(abs(begin), abs(end))
+    assert (points[0], points[-1]) == (begin, end)

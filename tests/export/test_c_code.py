@@ -36,7 +36,7 @@ def _values(seed=1):
             Map("MapTorque", [0, 1, 2, 5], Axis([-1, 2, 3], name="AxisLoad"), random.normal(size=(4, 3)), unit="Nm"),
             Curve("Curve", Axis([0, 0.7, 1.3, 3, 4.5], free=True), random.normal(size=5), extrapolation="linear"),
             Cube("Cube", [[0, 1, 4], Axis([-1, 2, 3], name="AxisLoad"), [0, 0.5, 2, 7]], random.normal(size=(3, 3, 4))),
-            Map("Flat", [0, 1, 4], [2], random.normal(size=(3, 1))),
+            Map("Flat", np.arange(-2.0, 5.0), [2], random.normal(size=(7, 1))),
             Curve("Single", [2], [1.5]),
             Scalar("K", 0.1),
         ]
@@ -64,6 +64,26 @@ def test_guards_against_what_is_not_finite_survive_the_compiler():
     values = ParameterSet([Map("M", [0, 1, 2], [1, 3], [[1, 2], [3, 4], [np.inf, np.nan]])])
     columns = hostile(3, 40, ["x"])
     np.testing.assert_array_equal(in_c(model, values, columns), simulated(model, values, columns))
+
+
+@needs_compiler
+def test_the_cell_of_an_axis_with_even_breakpoints_is_that_of_a_search():
+    random = np.random.default_rng(6)
+    # 9 x 7 breakpoints that are even up to 0.4 of their distance, and 8 that overflow when they are subtracted
+    x, y = (0.1 * (np.arange(count) + random.uniform(-0.4, 0.4, count)) - 0.3 for count in (9, 7))
+    wide = 1.7e308 * np.linspace(-1, 1, 8)
+    values = [Map("M", x, y, random.normal(size=(9, 7))), Curve("Wide", wide, random.normal(size=8))]
+    model = formula("z = M(u, v) + Wide(u) + Wide(v)", parameters=["M", "Wide"])
+    places = np.concatenate([x, y, wide])
+    near = [places, np.nextafter(places, -np.inf), np.nextafter(places, np.inf), random.uniform(-0.5, 0.8, 400)]
+    special = [np.nan, np.inf, -np.inf, 0.0, -0.0, 1e300, -1e300, 5e-324]
+    u = np.concatenate([*near, special])
+    columns = {"u": u, "v": random.permutation(u)}
+    source = write_c(prepared(model, ParameterSet(values)))["f.c"]
+    assert len(re.findall(r"= f_find_even\(", source)) == 2
+    assert len(re.findall(r"= f_find\(", source)) == 2
+    arguments = model, ParameterSet(values), columns
+    np.testing.assert_array_equal(in_c(*arguments), simulated(*arguments))
 
 
 @needs_compiler

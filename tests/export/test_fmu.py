@@ -330,3 +330,18 @@ def test_an_fmu_has_libraries_for_other_machines(fmi, tmp_path):
             assert f"fmi{fmi}DoStep".encode() in content
             # no paths of this machine, which would differ from one export to the next
             assert b"kennfeld-" not in content
+            # Windows has what it needs, without a runtime to install
+            needed = {library for library in re.findall(rb"[\w-]+\.dll", content) if library != b"engine.dll"}
+            assert all(library.startswith(b"api-ms-win-crt-") for library in needed)
+            assert bool(needed) == (system == "windows")
+
+
+@pytest.mark.slow
+def test_a_library_for_windows_takes_tables_that_exceed_a_page_of_the_stack(tmp_path):
+    pytest.importorskip("ziglang")
+    # the direction of a derivative is a copy of all parameters on the stack
+    large = ParameterSet([Map("M", Axis(np.arange(70.0), input="u"), np.arange(60.0), np.zeros((70, 60)))])
+    options = {"to": "fmu", "name": "large", "platforms": ["x86_64-windows"]}
+    path = export_function("y = M(u, v)", large, tmp_path, **options).files[0]
+    with zipfile.ZipFile(path) as archive:
+        assert archive.read("binaries/win64/large.dll").startswith(b"MZ")

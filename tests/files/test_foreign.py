@@ -36,6 +36,9 @@ HEADS = {
     "a picture (SVG)": [b"<?xml version='1.0'?>\n<!-- c -->\n<svg width='1'>", b"<svg>"],
     "a program or library (Windows)": [b"MZ\x90\0\3"],
     "an encrypted archive": [b"PK\3\4\x14\0\1\0"],
+    "text in UTF-16 without a byte order mark, or in UTF-32": [
+        "time;Öl;n\ns;°C;rpm\n".encode(encoding) for encoding in ("utf-16-le", "utf-16-be", "utf-32", "utf-32-be")
+    ],
     "a file of zero bytes, such as a copy leaves that was not finished": [bytes(4096)],
 }
 
@@ -47,7 +50,8 @@ def test_heads_of_foreign_files(description, head):
 
 @pytest.mark.parametrize(
     "head",
-    [b"", b"time,a\n0,1\n", b"MZ,a\n0,1\n", b"BM,a\n0,1\n", b"version,size\n1,2\n", b"<?xml?><MSRSW>", b"MDF     4.10"],
+    [b"", b"time,a\n0,1\n", b"MZ,a\n0,1\n", b"BM,a\n0,1\n", b"version,size\n1,2\n", b"<?xml?><MSRSW>", b"MDF     4.10",
+     "time;Öl;n\ns;°C;rpm\n".encode("utf-16"), bytes(range(1, 9)) * 4, struct.pack("<16H", *range(16))],
 )  # fmt: skip
 def test_other_heads_are_not_foreign(head):
     assert identify_foreign(head) is None

@@ -24,6 +24,7 @@ TEXTS = {
     "start.csv": write_cvx(ParameterSet([Scalar("Gain", 12.5)]), "start.csv"),
     "start.json": '{"Gain": {"kind": "scalar", "unit": "", "value": 12.5}}',
     "start.m": "% gains\nGain = 12.5;  % [Nm] at idle\n",
+    "words.m": "FUNKTIONEN = 3;\nFESTWERT\t= [1 2];  % words of DCM\nGain = 12.5;\n",
     "sensor.kf": "# a sensor\ny[Nm] = Gain * x\nscalar Gain\n",
     "drive.asc": "date Sat Nov 28 10:00:00 2026\nbase hex  timestamps absolute\n 0.1 1 100 Rx d 1 00\n",
     "drive.msl": '"MS3"\n"Captured"\nTime\tRPM\n0\t900\n0.1\t910\n',

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from kennfeld.base.errors import ArgumentError, InputError
+from kennfeld.measurement.channel_groups import split_timelines
 from kennfeld.measurement.delimited import first_lines, read_delimited
 from kennfeld.measurement.source import locate
 from kennfeld.measurement.table import Selection
+from kennfeld.measurement.time_column import find_time, time_in_seconds
 
 LOG = "ACME 1\nmade on a bench\n0,5;1;\n1,0;;7\n"
 
@@ -48,3 +50,39 @@ def test_a_file_without_rows_is_an_error(tmp_path):
 def test_units_are_as_many_as_names(tmp_path):
     with pytest.raises(ArgumentError, match=r"units=\['V'\] must be as many as the 2 names"):
         read_delimited(source_of(tmp_path, b"1 2\n"), Selection(), ["a", "b"], ["V"], skip=0)
+
+
+RASTERS = b"0;0;0;20\n0,05;1;200;21\n0,1;2;;\n0,2;4;;\n"
+NAMES, UNITS = ["fast", "n", "slow", "T"], ["s", "rpm", "ms", "degC"]
+
+
+def rasters(folder, column_units=UNITS, times=("fast", "slow"), **selected):
+    source = source_of(folder, RASTERS)
+    selection = Selection(**selected)
+    (table,) = read_delimited(source, selection, NAMES, column_units, skip=0, times=times, separator=";", decimal=",")
+    return split_timelines(table, selection)
+
+
+def test_times_of_any_name_begin_rasters_of_their_own(tmp_path):
+    fast, slow = rasters(tmp_path)
+    assert [column.name for column in fast.columns] == ["fast", "n"]
+    assert time_in_seconds(find_time(slow)).tolist() == [0, 0.2]
+    (slow,) = rasters(tmp_path, channels=("T",))
+    assert [column.name for column in slow.columns] == ["slow", "T"]
+
+
+def test_a_time_in_another_unit_is_reported_unless_the_caller_states_one(tmp_path):
+    units = ["s", "rpm", "ticks", "degC"]
+    fast, _ = rasters(tmp_path, units)
+    assert [str(each) for each in fast.findings] == [
+        "a.csv column slow: 'ticks' is not a unit of time. Write s, ms, us, ns, min, h or d."
+    ]
+    assert not rasters(tmp_path, units, units={"slow": "ms"})[0].findings
+
+
+@pytest.mark.parametrize("times", [["slow"], ["fast", "clock"]])
+def test_times_are_columns_and_one_of_them_is_the_first(times, tmp_path):
+    with pytest.raises(
+        ArgumentError, match=r"must be names of columns, and the first column, fast, must be one of them"
+    ):
+        rasters(tmp_path, times=times)

@@ -148,3 +148,18 @@ def test_mutated_exports_give_data_or_findings(csv, text, count):
         with contextlib.suppress(InputError):
             assert read(path, raster=0.05).samples
             describe(path)
+
+
+@pytest.mark.parametrize("times", [["time"], ["time_2"], ["time_2", "time"]])
+def test_a_requested_time_is_a_channel_and_still_begins_a_raster(csv, times):
+    rows = [f"{k / 10},{k},{k / 5 if k < 6 else ''},{20 + k if k < 6 else ''}" for k in range(12)]
+    data = read(csv("time,n,time_2,T\n" + "\n".join(rows) + "\n"), [*times, "n", "T"], raster=0.1)
+    np.testing.assert_allclose(data["T"].values, 20 + data.time / 0.2)
+    np.testing.assert_allclose(data["n"].values, data.time / 0.1)
+    assert all(data[name].values == pytest.approx(data.time) for name in times)
+
+
+def test_a_time_is_a_channel_without_others_of_its_raster(csv):
+    data = read(csv("time,n,time_2,T\n0,1,0,5\n0.1,2,0.2,6\n0.2,3,,\n"), ["time", "T"], raster=0.1)
+    assert data["time"].values.tolist() == pytest.approx([0, 0.1, 0.2])
+    assert data["T"].values.tolist() == pytest.approx([5, 5.5, 6])

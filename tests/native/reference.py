@@ -27,7 +27,7 @@ def loss(r, kind, delta):
             return 2 * r * r / (root + 1), 1 / root
         case "excess":
             return np.where(r > 0, r * r, 0.0), np.where(r > 0, 1.0, 0.0)
-    raise AssertionError(f"the loss {kind} is not written down here")
+    raise AssertionError(f"the loss {kind} is missing in tests/native/reference.py")
 
 
 @dataclass(frozen=True)

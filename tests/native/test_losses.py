@@ -1,11 +1,12 @@
 """Losses: one rule for each name, whose influence is that of the loss."""
 
+from pathlib import Path
 from typing import get_args
 
 import numpy as np
 import pytest
 
-from kennfeld.domain.criteria import Loss
+from kennfeld.domain.criteria import ROBUST_LOSSES, Loss
 from kennfeld.native.losses import LOSS_RULES
 from tests.native.reference import loss
 
@@ -14,6 +15,12 @@ STEP = 1e-6
 
 def test_every_loss_has_a_rule():
     assert tuple(LOSS_RULES) == get_args(Loss)
+
+
+def test_the_formula_of_every_robust_loss_is_in_the_documents():
+    page = Path(__file__).parents[2] / "docs" / "method.md"
+    text = page.read_text(encoding="utf-8")
+    assert [name for name in ROBUST_LOSSES if f"`{name}`" not in text] == [], "add it to docs/method.md, Cost"
 
 
 @pytest.mark.parametrize("name", get_args(Loss))

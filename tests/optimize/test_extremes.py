@@ -5,6 +5,7 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.base.errors import KennfeldError
+from kennfeld.domain.criteria import ROBUST_LOSSES
 
 X = np.linspace(0, 10, 40)
 Z = np.sin(X) + 2
@@ -14,8 +15,7 @@ WAYS = {
     "target": lambda s: {"data": {"x": X, "z": Z / 4 * s}},
     "weight": lambda s: {"criteria": [kf.Criterion("m", "z", weight=s)]},
     "scale": lambda s: {"criteria": [kf.Criterion("m", "z", scale=s)]},
-    "huber": lambda s: {"criteria": [kf.Criterion("m", "z", loss="huber", delta=s)]},
-    "soft_l1": lambda s: {"criteria": [kf.Criterion("m", "z", loss="soft_l1", delta=s)]},
+    **{loss: lambda s, loss=loss: {"criteria": [kf.Criterion("m", "z", loss=loss, delta=s)]} for loss in ROBUST_LOSSES},
     "smoothness": lambda s: {"smoothness": s},
     "start": lambda s: {"level": s},
 }

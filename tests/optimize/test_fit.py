@@ -14,6 +14,7 @@ from kennfeld.optimize.problem.setup import ProblemSetup
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
 from kennfeld.optimize.sums.compiled import CompiledProblem
 from kennfeld.optimize.sums.objective import LeastSquaresObjective
+from tests.native import reference
 
 X = np.linspace(0.0, 3.0, 61)
 WAVE = {"x": X, "y": 2 + np.sin(2 * X)}
@@ -162,15 +163,11 @@ def test_a_scale_divides_the_error():
     assert result.parameters["k"].value == pytest.approx(4.0)
 
 
-@pytest.mark.parametrize(
-    ("loss", "expected"),
-    [("huber", lambda r, d: 2 * d * r - d * d), ("soft_l1", lambda r, d: 2 * d * d * ((1 + (r / d) ** 2) ** 0.5 - 1))],
-    ids=ROBUST_LOSSES,
-)
-def test_losses_are_those_of_the_design(loss, expected):
+@pytest.mark.parametrize("loss", ROBUST_LOSSES)
+def test_losses_are_those_of_the_reference(loss):
     criterion = kf.Criterion("m", "y", loss=loss, delta=0.5, scale=2.0)
     result = kf.calibrate("m = k * x", {"x": [1.0], "y": [8.0]}, {"k": 2.0}, criteria=[criterion])
-    assert result.cost_before == pytest.approx(expected(3.0, 0.5))
+    assert result.cost_before == pytest.approx(reference.loss(np.array(-3.0), loss, 0.5)[0])
 
 
 @pytest.mark.parametrize("loss", ROBUST_LOSSES)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import kennfeld as kf
 from kennfeld.base.errors import ArgumentError
-from kennfeld.domain.criteria import ROBUST_LOSSES, Region
+from kennfeld.domain.criteria import Region
 from kennfeld.optimize import Problem
 from kennfeld.optimize.sums.compiled import CompiledProblem
 from kennfeld.optimize.sums.objective import LeastSquaresObjective
@@ -85,7 +85,7 @@ def test_a_weighted_fit_is_that_of_scipy(kind):
     assert result.quality[0].rmse_after == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-9)
 
 
-@pytest.mark.parametrize("kind", ROBUST_LOSSES)
+@pytest.mark.parametrize("kind", ["huber", "soft_l1"])  # of ours, those that scipy has
 @pytest.mark.parametrize(
     ("delta", "scale"),
     [(0.5, 3.0), (1.0, 0.4), *(pytest.param(delta, 1.0, marks=pytest.mark.slow) for delta in (1.0, 0.3))],

@@ -9,6 +9,7 @@ from kennfeld.optimize.limits.linear_limits import linear_limits
 from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.problem.setup import ProblemSetup
 from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
 from kennfeld.project.demo import torque
 
 RANDOM = np.random.default_rng(0)
@@ -27,7 +28,7 @@ def departed(text, *parameters, data=DATA, **arguments):
     compiled = CompiledProblem(problem)
     limits = linear_limits(problem, compiled.values)
     start, _ = project(compiled.start[: compiled.values.free], limits)
-    return departure(compiled, start, limits)
+    return departure(LeastSquaresObjective(compiled), compiled, start, limits)
 
 
 def fitted(text, *parameters, data=DATA, **arguments):

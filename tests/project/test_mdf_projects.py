@@ -15,11 +15,13 @@ from kennfeld.project import Project
 def project(tmp_path):
     """Two benches with a fast speed and a slow torque, torque = 3 + 0.05 speed; the text is added to the project."""
 
-    def write(dataset, twice=False, channels=""):
-        (tmp_path / "sensor.kf").write_text("Predicted = Offset + Gain * Speed\nscalar Offset\nscalar Gain\n")
+    def write(dataset, twice=False, channels="", names=("Speed", ""), target="Torque"):
+        speed, mapped = names
+        channels += f"[channels]\n{mapped}" if mapped else ""
+        (tmp_path / "sensor.kf").write_text(f"Predicted = Offset + Gain * {speed}\nscalar Offset\nscalar Gain\n")
         (tmp_path / "kennfeld.toml").write_text(
             f'[model]\nfile = "sensor.kf"\n{channels}\n[[dataset]]\nfiles = ["bench_*.mf4"]\n{dataset}\n'
-            '[[criterion]]\nnode = "Predicted"\ntarget = { channel = "Torque" }\n'
+            f'[[criterion]]\nnode = "Predicted"\ntarget = {{ channel = "{target}" }}\n'
             "[parameters]\nOffset = { initial = 0.0 }\nGain = { initial = 0.0 }\n"
         )
         for name, start in (("bench_a.mf4", 0.0), ("bench_b.mf4", 0.25)):
@@ -61,6 +63,26 @@ def test_a_name_in_several_groups_must_be_chosen(project):
     chosen = project("raster = 0.02", twice=True, channels='[channels]\nSpeed = "10ms/Speed"')
     assert not [f for f in chosen.check() if f.severity == "error"]
     assert chosen.calibrate().parameters["Gain"].value == pytest.approx(0.05, rel=1e-6)
+
+
+def test_messages_about_groups_offer_what_the_project_would_say(project):
+    def fixes(word, **settings):
+        [finding] = [f for f in project(**settings).check() if word in f.message and f.location.file == "bench_a.mf4"]
+        return [(fix.title, *fix.changes, fix.options) for fix in finding.fixes]
+
+    assert fixes("named Speed", dataset="", twice=True) == [
+        ("Read Speed from", (("channels", "Speed"), ""), ("10ms/Speed", "100ms/Speed"))
+    ]
+    # the input has another name than the channel
+    other = {"dataset": "", "twice": True, "names": ("n", 'n = "Speed"')}
+    assert fixes("named Speed", **other)[0][:2] == ("Read n from", (("channels", "n"), ""))
+    # and so has the target
+    target = {"dataset": "", "twice": True, "target": "Speed"}
+    assert (("criterion", 1, "target", "channel"), "") in [each[1] for each in fixes("named Speed", **target)]
+    assert fixes("rasters", dataset="") == [
+        ("Set raster = 0.01", (("dataset", 1, "raster"), 0.01), ()),
+        ("Set raster = 0.1", (("dataset", 1, "raster"), 0.1), ()),
+    ]
 
 
 def test_a_damaged_file_is_named(project, tmp_path):

@@ -189,28 +189,49 @@ def test_a_channel_that_test_data_lack_takes_no_part(tmp_path):
     assert proposals.excluded["oil"] == "dataset fresh has no such channel"
 
 
+def write_gaps(folder, files=4):
+    """Blank the first samples of the oil temperature of each recording, and some of humidity in one."""
+    for number in range(files):
+        file = folder / f"run_{number}.csv"
+        head, *rows = [row.split(",") for row in file.read_text(encoding="utf-8").splitlines()]
+        oil, humidity = head.index("oil"), head.index("humidity")
+        for at, row in enumerate(rows):
+            row[oil] = "" if at < 4 else row[oil]
+            row[humidity] = "" if number == 2 and at < 40 else row[humidity]
+        file.write_text("\n".join(map(",".join, [head, *rows])) + "\n", encoding="utf-8")
+
+
 @pytest.mark.slow
-def test_partitions_give_the_same_list(tmp_path):
+@pytest.mark.parametrize("kind", ["add", "map"])
+def test_partitions_give_the_same_list(tmp_path, kind):
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     for folder, more in ((whole, ""), (parts, "[cluster]\npartition = 200\n")):
         folder.mkdir()
-        write_bench(folder, more=more, timed=True, files=4)
+        write_bench(folder, planted="drag" if kind == "add" else "", more=more, timed=True, files=4)
+        if kind == "map":
+            plant_map(folder, files=4)
+        write_gaps(folder)
     contents = []
     for folder in (whole, parts):
         project = Project.read(folder / "kennfeld.toml")
-        content = project.propose(kinds=["add"], nodes=["drag"], channels=["oil", "humidity"]).as_json()
+        content = project.propose(kinds=[kind], nodes=["drag"], channels=["oil", "humidity", "speed"]).as_json()
         contents.append(content | {"proposals": [each | {"patch": ""} for each in content["proposals"]]})
         project.close()
     assert json.dumps(contents[0]) == json.dumps(contents[1])
+    assert contents[0]["excluded"] == {"humidity": "7% of its samples are missing"}
+    assert len(contents[0]["proposals"]) == 1
 
 
 @pytest.mark.slow
-def test_a_cluster_gives_the_same_list_to_the_bit(tmp_path, shared_cluster):
-    path = write_bench(tmp_path, timed=True, files=4)
+@pytest.mark.parametrize("kinds", [("add", "lag"), ("map",)], ids=["curves", "maps"])
+def test_a_cluster_gives_the_same_list_to_the_bit(tmp_path, shared_cluster, kinds):
+    path = write_bench(tmp_path, planted="drag" if "add" in kinds else "", timed=True, files=4)
+    if "map" in kinds:
+        plant_map(tmp_path, files=4)
     lists = []
     for address in ("", shared_cluster.address):
         project = in_partitions(path, 200, scheduler=address)
-        lists.append(project.propose(kinds=["add", "lag"], nodes=["drag"], channels=["oil", "humidity"]))
+        lists.append(project.propose(kinds=kinds, nodes=["drag"], channels=["oil", "speed"]))
         project.close()
     here, there = (own.as_json()["proposals"] for own in lists)
     assert here == there != []

@@ -4,6 +4,7 @@ import pytest
 from hypothesis import strategies as st
 
 from kennfeld.base.errors import InputError
+from kennfeld.domain.criteria import ROBUST_LOSSES
 from kennfeld.project import Project
 from tests.draws import few_or_many
 
@@ -157,7 +158,7 @@ def test_a_byte_order_mark_and_windows_line_ends_are_accepted(shop):
             "[[criterion]]\nnode = 'a'\ntarget = 1\nloss = 'hubert'\ndelta = 2",
             "loss: unknown value 'hubert'. Did you mean huber?",
         ),
-        ("[[criterion]]\nnode = 'a'\ntarget = 1\ndelta = 2", "delta requires the loss huber or soft_l1"),
+        ("[[criterion]]\nnode = 'a'\ntarget = 1\ndelta = 2", f"delta requires the loss {' or '.join(ROBUST_LOSSES)}"),
         ("[parameters]\nGain = 3", "[parameters] Gain: must be a section, got 3. Write a section [parameters.Gain]."),
         ("[parameters.Gain]\nfree = 'yes'", "[parameters.Gain] free: must be true or false, got 'yes'"),
         ("[parameters.Gain]\nbounds = 3", "[parameters.Gain] bounds: must be a lower and an upper bound"),

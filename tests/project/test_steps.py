@@ -93,6 +93,11 @@ def test_locks_are_ranges_of_axis_values_or_values_without_data(shop):
     assert step.lock["Gain"].tolist() == [False, False, True]
 
 
+def test_a_lock_without_grid_points_is_a_warning(shop):
+    shop.add("[[step]]\nlock = { Table = [{ x = [1, 2] }], 'G*' = [{ x = [1000, 1000] }] }")
+    assert "[[step]] 1 lock Table: no grid point is in these ranges" in shop.warning()
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -6,7 +6,7 @@ import { copiedOnScreen, take, WAYS } from "./copying";
 import { allKeys, jump, panel, togglePanel } from "./navigation";
 import { outcome, resume, run, running, view } from "./runs";
 import { save } from "./saving";
-import { blocking, move, open, request, type Screen, screen, state, toggleTheme } from "./store";
+import { blocking, isChanging, move, open, request, type Screen, screen, state, toggleTheme } from "./store";
 import { inProject } from "./uploads";
 
 export interface Command {
@@ -61,10 +61,15 @@ export const COMMANDS: Command[] = [
     title: "Undo",
     keys: ["Ctrl", "Z"],
     run: () => void move("undo"),
-    enabled: () => state.value.undo !== "" || state.value.waiting.length > 0,
+    enabled: () => state.value.undo !== "" || state.value.waiting.length > 0 || isChanging(),
   },
   { title: "Redo", keys: ["Ctrl", "Y"], run: () => void move("redo"), enabled: () => state.value.redo !== "" },
-  { title: "Save", keys: ["Ctrl", "S"], run: () => void save(), enabled: () => state.value.unsaved.length > 0 },
+  {
+    title: "Save",
+    keys: ["Ctrl", "S"],
+    run: () => void save(),
+    enabled: () => state.value.unsaved.length > 0 || isChanging(),
+  },
   {
     title: "Export",
     keys: ["Ctrl", "E"],
@@ -183,6 +188,13 @@ function matches(command: Command, event: KeyboardEvent): boolean {
   );
 }
 
+/** Have a field report what was typed into it, which it does when it is left: a run or a save is to find it. */
+function enterField(field: HTMLElement): void {
+  if (!field.matches("input, textarea")) return;
+  field.blur();
+  field.focus({ preventScroll: true });
+}
+
 /** Handle a key anywhere on the page. */
 export function shortcut(event: KeyboardEvent): void {
   const typing = (event.target as HTMLElement).closest("input, textarea, [contenteditable=true]") !== null;
@@ -193,7 +205,9 @@ export function shortcut(event: KeyboardEvent): void {
     const command = COMMANDS.find((each) => matches(each, event));
     const plainKey = !event.ctrlKey && !event.metaKey && !event.altKey && !/^F\d/.test(event.key);
     const editing = typing && (plainKey || ["z", "y"].includes(event.key.toLowerCase()));
-    if (command === undefined || editing || !(command.enabled?.() ?? true)) return;
+    if (command === undefined || editing) return;
+    if (typing) enterField(event.target as HTMLElement);
+    if (!(command.enabled?.() ?? true)) return;
     command.run();
   }
   event.preventDefault();

@@ -136,12 +136,30 @@ export function setReady(): void {
   busy();
 }
 
+const isBusy = (): boolean => !ready || waiting.size > 0;
+let later: (() => void) | null = null;
+
 function busy(): void {
-  document.documentElement.dataset.state = ready && waiting.size === 0 ? "ready" : "busy";
+  document.documentElement.dataset.state = isBusy() ? "busy" : "ready";
+  if (!isBusy() && later !== null) requestIdleCallback(doLater);
 }
 
-/** Return a function that sends at most one question at a time; of those that wait only the newest is sent. */
-export function newest<T>(send: (value: T) => Promise<unknown>): (value: T) => void {
+function doLater(): void {
+  if (isBusy() || later === null) return; // an answer led to the next question, whose answer comes here again
+  const work = later;
+  later = null;
+  work();
+}
+
+/** Do something once the first screen is drawn and nothing is asked any more. */
+export function whenIdle(work: () => void): void {
+  later = work;
+  busy();
+}
+
+/** Return a function that sends at most one question at a time; of those that wait only the newest is sent. `flush`
+ * sends the one that waits without waiting for the answer to the one before. */
+export function newest<T>(send: (value: T) => Promise<unknown>): ((value: T) => void) & { flush: () => void } {
   let running = false;
   let next: { value: T } | null = null;
   onRenewal(() => {
@@ -160,8 +178,15 @@ export function newest<T>(send: (value: T) => Promise<unknown>): (value: T) => v
       }
     }
   };
-  return (value) => {
+  const put = (value: T): void => {
     if (running) next = { value };
     else void go(value);
   };
+  const flush = (): void => {
+    const value = next?.value;
+    if (next === null) return;
+    next = null;
+    void send(value as T);
+  };
+  return Object.assign(put, { flush });
 }

@@ -1,7 +1,7 @@
 // A small button at the picture or table under the mouse, and its menu: copy, save. The palette has the same by name.
 
 import { signal } from "@preact/signals";
-import { useEffect, useRef } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { type Copied, copiedAt, take, WAYS } from "./copying";
 import { Icon } from "./icons";
 
@@ -53,7 +53,7 @@ export function CopyMenu() {
       removeEventListener("scroll", close, true);
     };
   }, []);
-  useEffect(() => {
+  useLayoutEffect(() => {
     if (!own?.open) return;
     box.current?.querySelector<HTMLElement>("[role=menuitem]")?.focus();
     const outside = (event: Event): void => {

@@ -3,7 +3,7 @@
 import { effect } from "@preact/signals";
 import { type JSX, render } from "preact";
 import { shortcut } from "./commands";
-import { connect, listen } from "./connection";
+import { connect, listen, whenIdle } from "./connection";
 import { takeDrops } from "./dropping";
 import { Header, Rail } from "./frame";
 import { begin } from "./history";
@@ -82,12 +82,9 @@ listen("state", (reply) => {
   void takeUp();
   if (first) begin();
   if (first)
-    requestIdleCallback(
-      () => {
-        for (const each of Object.values(LAZY)) each.load();
-      },
-      { timeout: 3000 },
-    );
+    whenIdle(() => {
+      for (const each of Object.values(LAZY)) each.load();
+    });
 });
 connect((on) => {
   if (connected.value && !on && lost === null)

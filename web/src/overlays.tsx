@@ -7,6 +7,7 @@ import { COMMANDS, type Command, overlay, searchable } from "./commands";
 import { CopyMenu } from "./copy-menu";
 import { Dialog } from "./dialog";
 import { ErrorList } from "./errors";
+import { HoverTip } from "./hover-tip";
 import { Icon } from "./icons";
 import { Fixes } from "./instruments/finding";
 import { AddProposals } from "./instruments/proposals";
@@ -21,6 +22,7 @@ export function Overlays() {
     <>
       <Notices />
       <CopyMenu />
+      <HoverTip />
       <Conflicts />
       <Leaving />
       {overlay.value === "palette" && <Palette />}
@@ -40,8 +42,9 @@ function Palette() {
   const found = useComputed(() => rank(searchable(), text.value.toLowerCase().split(/\s+/).filter(Boolean)));
   // keys may come faster than the list is drawn: what runs belongs to the text as it is, not to the list as it was
   const run = (index: number) => {
+    const command = found.value[index];
     overlay.value = "";
-    found.value[index]?.run();
+    queueMicrotask(() => command?.run()); // once the dialog is closed: a command may put the cursor into a field
   };
   const key = (event: KeyboardEvent) => {
     if (event.key === "ArrowDown") chosen.value = Math.min(found.value.length - 1, chosen.value + 1);

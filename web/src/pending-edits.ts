@@ -1,5 +1,6 @@
 // Edits of values that the server has not answered yet. The page shows them at once, over what the server says; one is
 // sent at a time, and those that wait meanwhile are joined, so that steps add up and only the last move of a drag counts.
+// A command that is to find them, such as Undo or Save, has all of them sent before it.
 
 import type { ValueEdit } from "./replies";
 
@@ -30,10 +31,10 @@ export function joined(first: ValueEdit, then: ValueEdit): ValueEdit | null {
 
 export class PendingEdits {
   private waiting: ValueEdit[] = [];
-  private sent: ValueEdit | null = null;
+  private sent: ValueEdit[] = []; // answers come in the order of the questions
 
   get isEmpty(): boolean {
-    return this.sent === null && this.waiting.length === 0;
+    return this.sent.length === 0 && this.waiting.length === 0;
   }
 
   add(edit: ValueEdit): void {
@@ -45,24 +46,29 @@ export class PendingEdits {
 
   /** The edit to send now; null if none waits, or one has been sent and not been answered. */
   take(): ValueEdit | null {
-    if (this.sent !== null) return null;
-    this.sent = this.waiting.shift() ?? null;
-    return this.sent;
+    return this.sent.length > 0 ? null : (this.takeAll(1)[0] ?? null);
   }
 
-  /** The edit that was sent is answered: what the server says from now on has it. */
+  /** The edits that wait, to be sent now one after the other. */
+  takeAll(limit = this.waiting.length): ValueEdit[] {
+    const taken = this.waiting.splice(0, limit);
+    this.sent.push(...taken);
+    return taken;
+  }
+
+  /** The edit that was sent first is answered: what the server says from now on has it. */
   answered(): void {
-    this.sent = null;
+    this.sent.shift();
   }
 
   clear(): void {
     this.waiting = [];
-    this.sent = null;
+    this.sent = [];
   }
 
   /** The values of a table as they will be. */
   over(name: string, values: readonly number[]): number[] {
-    return [...(this.sent === null ? [] : [this.sent]), ...this.waiting]
+    return [...this.sent, ...this.waiting]
       .filter((edit) => edit.name === name)
       .reduce<number[]>(afterEdit, values.slice());
   }

@@ -849,8 +849,10 @@ export interface RecordingFile {
   size?: number;
   /** Number of samples of the longest table. */
   samples?: number;
-  /** Between samples in s. */
+  /** Between samples in s; of several groups of channels, the shortest. */
   step?: number | null;
+  /** Of channels with time stamps, if there are several. */
+  groups: ChannelGroup[];
   /** Duration in s. */
   length?: number | null;
   /** Share of missing values in the channel that has most of them. */
@@ -870,6 +872,12 @@ export interface ChannelRow {
   unit: string;
   least: number | null;
   greatest: number | null;
+}
+
+/** A group of channels with time stamps of its own; `step` is the usual time between them in s. */
+export interface ChannelGroup {
+  name: string;
+  step: number;
 }
 
 /** An input of the function, or the target of the criterion `number`, with its channel. */
@@ -1714,6 +1722,8 @@ export interface FoundDesign {
   tables: DesignTableRow[];
   formats: ("csv" | "xlsx" | "mf4" | "parquet" | "json")[];
   seconds: number;
+  /** How many were chosen, and how many would have been; empty for a choice that has ended. */
+  stopped: number[];
 }
 
 /** A piece of a recording to drive. */
@@ -1939,6 +1949,8 @@ export interface ShownTerm {
   now: number[];
   /** Standard deviation of each; null if nothing determines one. */
   deviation: (number | null)[];
+  /** Of the values and their deviations; empty for a factor. */
+  valueUnit: string;
   /** The value without effect. */
   neutral: number;
   /** False at an equal place, where the values are those without effect. */

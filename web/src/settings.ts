@@ -1,16 +1,23 @@
 // The settings of the project: what the project file says, and how a field changes it.
 
 import { computed, effect } from "@preact/signals";
+import { type Change, changed } from "./changed-keys";
 import { newest } from "./connection";
 import type { FindingRow, KeyRow, Path, SettingsReply, Toml } from "./replies";
-import { scoped } from "./scope";
+import { onRenewal, scoped } from "./scope";
 import { message, request, settled, state } from "./store";
 
 export const settings = scoped<SettingsReply>({ settings: {}, text: "", file: "", function: "" });
 
 const load = newest(async (_: number) => {
   const reply = await request("settings");
-  if (reply !== null) settings.value = reply.head;
+  // answers come in the order of the questions: changes that are not answered yet are not in it
+  if (reply !== null) settings.value = { ...reply.head, settings: changed(reply.head.settings, unanswered.flat()) };
+});
+
+let unanswered: Change[][] = [];
+onRenewal(() => {
+  unanswered = [];
 });
 
 export const textRevision = computed(() => state.value.textRevision);
@@ -29,12 +36,18 @@ export function valueAt(path: Path): Toml | undefined {
   return value;
 }
 
-export type Change = [Path, Toml | null];
-
-/** Set keys of the project file; null removes one. Returns false if they are refused. */
+/**
+ * Set keys of the project file; null removes one. They are shown at once, so that what is entered next starts from them.
+ * Returns false if they are refused.
+ */
 export async function setKeys(changes: Change[], title: string): Promise<boolean> {
   message.value = title;
-  return (await request("set-keys", { changes, title })) !== null;
+  unanswered.push(changes);
+  settings.value = { ...settings.value, settings: changed(settings.value.settings, changes) };
+  const taken = (await request("set-keys", { changes, title })) !== null;
+  unanswered = unanswered.filter((each) => each !== changes);
+  if (!taken) load(textRevision.peek()); // show what is there
+  return taken;
 }
 
 /** A path as messages and the documentation write it: `[model] step`. */

@@ -80,12 +80,49 @@ onRenewal(() => {
   dragging = "";
 });
 
+/** Edits are sent when the one before is answered; a question that is to find them has all of them sent before it. */
+const AFTER_EDITS = new Set<Question>([
+  ...(["undo", "redo", "save", "run", "accept", "set-keys", "set-toml", "apply-fix", "lock-values"] as const),
+  ...(["pin-values", "take-values", "add-proposals", "apply-term", "look", "propose-design", "reload"] as const),
+  ...(["discard", "export", "write-unit", "write-calibration", "open", "show", "demo", "new"] as const),
+]);
+const sendEdits: (() => void)[] = [];
+
+/** Call a function, which sends the edits that wait, before a question that is to find them. */
+export const beforeCommands = (send: () => void): void => void sendEdits.push(send);
+
+/** What a second click asks again while the first one is being answered; it is asked once. */
+const ONCE = new Set<Question>([
+  ...(["run", "save", "accept", "apply-fix", "take-values", "add-proposals", "apply-term", "look"] as const),
+  ...(["propose-design", "export", "export-design", "write-unit", "write-calibration", "open", "demo"] as const),
+  ...(["new", "add-files", "add-functions", "new-function", "new-surrogate", "train-surrogate"] as const),
+  "convert-function",
+]);
+const underway = new Map<string, Promise<unknown>>();
+
+let changing = 0;
+
+/** True while a command is not answered: what it changes is not in the state yet. */
+export const isChanging = (): boolean => changing > 0;
+
 /**
  * Ask, and show the server's message if it refuses. What is about a project that the page does not show any more, or
  * about values before the present ones, is dropped.
  */
-export async function request<Q extends Question>(question: Q, ...given: Asked<Q>): Promise<Reply<Q> | null> {
+export function request<Q extends Question>(question: Q, ...given: Asked<Q>): Promise<Reply<Q> | null> {
+  if (AFTER_EDITS.has(question)) for (const send of sendEdits) send();
+  if (!ONCE.has(question)) return answered(question, ...given);
+  const key = JSON.stringify([question, given, projectId()]);
+  const first = underway.get(key) as Promise<Reply<Q> | null> | undefined;
+  const reply = first ?? answered(question, ...given).finally(() => underway.delete(key));
+  underway.set(key, reply);
+  return reply;
+}
+
+async function answered<Q extends Question>(question: Q, ...given: Asked<Q>): Promise<Reply<Q> | null> {
   const own = projectId();
+  const changes = AFTER_EDITS.has(question) || question === "set-values" || question === "set-text";
+  if (changes) changing++;
   try {
     const reply = await ask(question, ...given);
     if (!OPENING.has(question) && (own !== projectId() || reply.project !== own || isOlder(reply))) return null;
@@ -94,6 +131,8 @@ export async function request<Q extends Question>(question: Q, ...given: Asked<Q
   } catch (error) {
     if (own === projectId()) failure.value = (error as Error).message;
     return null;
+  } finally {
+    if (changes) changing--;
   }
 }
 
@@ -171,16 +210,24 @@ function edit(own: ValueEdit): void {
   table.value = { ...table.value, values: afterEdit(table.value.values, own) };
   message.value = own.title;
   dragging = own.drag ?? "";
-  void send();
+  send();
 }
 
-async function send(): Promise<void> {
-  for (let next = pending.take(); next !== null; next = pending.take()) {
-    const reply = await request("set-values", next);
-    pending.answered();
-    if (reply === null) void loadTable(); // it was refused: show what is there
-  }
+function send(): void {
+  const next = pending.take();
+  if (next !== null) void post(next);
 }
+
+async function post(own: ValueEdit): Promise<void> {
+  const reply = await request("set-values", own);
+  pending.answered();
+  if (reply === null) void loadTable(); // it was refused: show what is there
+  send();
+}
+
+beforeCommands(() => {
+  for (const each of pending.takeAll()) void post(each);
+});
 
 /** Set values of the open table. `drag` joins the moves of one drag. */
 export function setValues(cells: number[], values: number[], title: string, drag = ""): void {

@@ -76,6 +76,7 @@ const OF_THE_PAGE = new Set([
   "activity.tsx reported uploading shown stopping began now",
   "commands.ts overlay",
   "copy-menu.tsx shown",
+  "hover-tip.tsx shown",
   "projects.ts known chosen filter opening leaving",
   "schema.ts sections shownForms",
   "runs.ts view",

@@ -9,7 +9,8 @@ from urllib.parse import urlsplit, urlunsplit
 from kennfeld.app.server.restart import servers_folder
 from kennfeld.app.server.security import TICKET, new_token
 from kennfeld.app.server.server import serve
-from kennfeld.app.workspace import AppWorkspace
+from kennfeld.app.session.files_on_disk import read_exactly
+from kennfeld.app.workspace import AppWorkspace, project_file
 from kennfeld.base.atomic_files import write_whole
 from kennfeld.base.errors import InputError, Location
 from kennfeld.base.run_processes import unmarked
@@ -33,11 +34,13 @@ def launch(path: Path | None, port: int = 0, *, browser: bool = True) -> None:
         browser: open the page.
 
     Raises:
-        InputError: the project file does not exist, or the port is taken.
+        InputError: the project file does not exist or is not text, or the port is taken.
     """
+    if path is not None:
+        read_exactly(project_file(path))  # what cannot be opened is refused before the browser starts
     # what the user has not allowed is refused here; the page asks
     with allowed_only():
-        _launch(AppWorkspace(path), path, port, browser)
+        _launch(AppWorkspace(), path, port, browser)
 
 
 def _launch(workspace: AppWorkspace, path: Path | None, port: int, browser: bool) -> None:

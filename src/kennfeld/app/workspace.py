@@ -74,11 +74,7 @@ class AppWorkspace:
         Raises:
             InputError: it does not exist, or is not text.
         """
-        if path.is_dir():
-            path = path / "kennfeld.toml"
-        if not path.is_file():
-            raise InputError.of(Location(str(path)), "the project file does not exist", "Name a kennfeld.toml.")
-        path = path.resolve()
+        path = project_file(path).resolve()
         project = project_id(path)
         if project not in self._sessions:
             _remove_parts(path.parent)
@@ -86,6 +82,15 @@ class AppWorkspace:
         self.latest, self._seen[project] = project, time.monotonic()
         remember(path)
         return project
+
+    def open_first(self, path: Path) -> None:
+        """Open a project while pages without one wait for it: they are told what takes a while, and can stop it.
+
+        Raises:
+            InputError: it does not exist, or is not text.
+        """
+        with self._active(""):
+            self.open(path)
 
     def join(self, asked: str) -> str:
         """Return the project that a new page shows.
@@ -132,6 +137,15 @@ class AppWorkspace:
             raise ArgumentError("stopped; nothing has changed") from None
         finally:
             self._activity.end()
+
+    @property
+    def activity(self) -> Answer | None:
+        """The present activity, for a page that has come since it was told; None if there is none.
+
+        May be read from any thread.
+        """
+        text, share = self._activity.present
+        return to_answer(ActivityNews(text, share)) if text else None
 
     def _tell_activity(self, text: str, share: float | None) -> None:
         self._push("activity", to_answer(ActivityNews(text, share)), self._asking)
@@ -252,6 +266,15 @@ class ActivityNews:
 
     text: str
     share: float | None
+
+
+def project_file(path: Path) -> Path:
+    """Return a project file, or that of a folder. Raises `InputError` if it does not exist."""
+    if path.is_dir():
+        path = path / "kennfeld.toml"
+    if not path.is_file():
+        raise InputError.of(Location(str(path)), "the project file does not exist", "Name a kennfeld.toml.")
+    return path
 
 
 def _remove_parts(folder: Path) -> None:

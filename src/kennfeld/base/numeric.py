@@ -132,6 +132,8 @@ def _of_objects(values: Any, label: str) -> Float:
 
 
 def _float(value: object) -> float | None:
+    if isinstance(value, float):
+        return float(value)
     if isinstance(value, numbers.Real | Decimal | np.bool_):
         try:
             return float(value)

@@ -45,6 +45,11 @@ _ASPECTS: dict[str, tuple[Callable[[Item], bool], str, str]] = {
         "falling axes are written in rising order",
         "Write it as .json to keep their order.",
     ),
+    "columns": (
+        _any_table(lambda table: table.kind == "block" and table.values.ndim == 2 and table.values.shape[1] == 1),
+        "blocks of a single column become blocks of one dimension",
+        _USE_JSON,
+    ),
     "infinities": (
         _any_table(lambda table: bool(np.isinf(table.values).any())),
         "infinite values become missing values",

@@ -1,5 +1,6 @@
 """`design`: what to measure next, from a project, from a result, or from nothing."""
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from numbers import Integral
@@ -7,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.base.arrays import Float
+from kennfeld.base.arrays import Float, Int
 from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location, warn
 from kennfeld.base.formatting import count_noun, nearest
 from kennfeld.base.lazy_dataclass import dataclass
@@ -103,7 +104,8 @@ def design(
         direction: number of the direction of `result.trust` that points should determine, from 1.
         progress: called after each accepted step of the fit.
         settings: keys of `[design]`, which override those of the project: ranges, where, forbidden, curves, envelope,
-            slew, wait, hard, method, model, centres, blocks, replicates, repeat, length, warmup, manoeuvres, seed.
+            slew, wait, hard, method, model, centres, blocks, replicates, repeat, length, warmup, manoeuvres,
+            max_seconds, seed.
 
     Returns:
         Points in the order of the bench, segments, or recordings to drop, with the deviation of each value before and
@@ -236,7 +238,7 @@ def _around(
     watch: Watch = never,
 ) -> Design:
     """Return a design around a fit."""
-    problem = fitted.problem
+    problem, watch = fitted.problem, _until(entry.max_seconds, watch)
     known = [*findings, *doubts(fitted)]
     # the weights of training data say how far they are trusted, not how often a sample occurs
     use = use or [replace(data, weight_channel="") for data in problem.datasets]
@@ -251,6 +253,14 @@ def _around(
     else:
         proposal = _points_around(fitted, entry, request, candidates, use, place, watch)
     return replace(proposal, findings=(*known, *proposal.findings))
+
+
+def _until(seconds: float | None, watch: Watch) -> Watch:
+    """Return the same watch, which also ends a choice that has lasted so long from now on."""
+    if seconds is None:
+        return watch
+    end = time.monotonic() + seconds
+    return lambda made: watch(made) or time.monotonic() >= end
 
 
 def _drives(problem: Problem, request: Request) -> bool:
@@ -282,19 +292,23 @@ def _points_around(
         columns = _inside(columns, region if _states_limits(entry) else None, problem, findings)
     else:
         columns = fill(region, CANDIDATES, "sobol", entry.seed)
-    count = POINTS if request.n is None else request.n
+
+    def arranged(proposal: Design, chosen: Int) -> Design:
+        own = replace(proposal, findings=(*findings, *proposal.findings))
+        return _arranged(own, columns, chosen, entry)
+
     proposal, chosen = design_points(
         fitted,
         columns,
-        count,
+        POINTS if request.n is None else request.n,
         use,
         kind=kind,
         names=request.names,
         direction=request.direction,
         seed=entry.seed,
-        stop=lambda: watch(None),
+        watch=lambda made: watch(lambda: arranged(*made())),
     )
-    return _arranged(replace(proposal, findings=(*findings, *proposal.findings)), columns, chosen, entry)
+    return arranged(proposal, chosen)
 
 
 def _kind_of(fitted: FittedFunction, candidates: Sequence[Dataset]) -> PointKind:
@@ -351,7 +365,7 @@ def _without_fit(entry: DesignEntry, region: BenchRegion, request: Request, cand
     return _arranged(proposal, columns, np.arange(len(next(iter(columns.values())))), entry)
 
 
-def _arranged(proposal: Design, columns: Mapping[str, Float], chosen: Any, entry: DesignEntry) -> Design:
+def _arranged(proposal: Design, columns: Mapping[str, Float], chosen: Int, entry: DesignEntry) -> Design:
     """Return the design with its points in the order of the bench."""
     run = arrange(
         {name: values[chosen] for name, values in columns.items()},

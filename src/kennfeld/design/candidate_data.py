@@ -26,6 +26,7 @@ class CandidateData:
         datasets: inputs of the candidates; samples that are not scored lead up to others.
         criteria: what would be measured there; by default all criteria of the problem.
         use: further datasets, whose samples have the weights of their `weight_channel`.
+        recorded: the candidates are training data, and keep their targets and weights.
     """
 
     def __init__(
@@ -34,6 +35,8 @@ class CandidateData:
         datasets: Sequence[Dataset],
         criteria: Sequence[Criterion] | None = None,
         use: Sequence[Dataset] = (),
+        *,
+        recorded: bool = False,
     ) -> None:
         own = fitted.problem.criteria
         measured = tuple(_plain(criterion) for criterion in (own if criteria is None else criteria))
@@ -42,8 +45,10 @@ class CandidateData:
         # a channel that the function reads must be among the candidates
         channels -= {fitted.problem.channels.get(name, name) for name in fitted.problem.model.graph.inputs}
         self._fitted = fitted
-        plain = (replace(data, weight_channel="") for data in datasets)
-        self.datasets = tuple(_with_targets(data, sorted(channels)) for data in (*plain, *use))
+        weight, names = fitted.weight, sorted(channels)
+        plain = (_with_targets(replace(data, weight_channel=""), names, weight) for data in datasets)
+        located = (replace(data, use="training") for data in datasets) if recorded else plain
+        self.datasets = (*located, *(_with_targets(data, names) for data in use))
         self.problem = fitted.problem.over(self.datasets)
         self._same = measured == own and not any(data.weight_channel for data in self.datasets)
         if not self._same:
@@ -101,7 +106,28 @@ class CandidateData:
     def curvature(self, values: Float) -> Float:
         """Return the Gauss-Newton matrix of all candidates, Float[free, free]."""
         with ignore_floating_errors():
-            return as_array(self._compiled.sums.normal(self._compiled.full(values)).matrix)
+            return as_array(self._compiled.sums.normal(self._compiled.full(values)).matrix).copy()
+
+    def scatter(self, values: Float, curvature: Float) -> Float:
+        """Return the variance of the gradient by the noise of all candidates, Float[free, free].
+
+        Args:
+            values: the free values, Float[free].
+            curvature: that of all candidates.
+        """
+        if self._fitted.estimate.noise is None:
+            return np.asarray(self._fitted.estimate.dispersion * curvature)
+        weights = dict.fromkeys(data.weight for data in self.datasets)
+        return np.asarray(np.sum([self._scatter_of(weight, values) for weight in weights], axis=0))
+
+    def _scatter_of(self, weight: float, values: Float) -> Float:
+        """Return the variance of the gradient by the noise of the candidates of one weight, Float[free, free]."""
+        shares = self._fitted.noise_shares(self._fitted.problem.criteria, weight)
+        scaled = [replace(c, weight=c.weight * share) for c, share in zip(self.problem.criteria, shares, strict=True)]
+        own = self.problem.over([data for data in self.datasets if data.weight == weight])
+        compiled = CompiledProblem(replace(own, criteria=tuple(scaled)))
+        with ignore_floating_errors():
+            return as_array(compiled.sums.normal(compiled.full(values)).matrix).copy()
 
 
 def _plain(criterion: Criterion) -> Criterion:
@@ -109,9 +135,9 @@ def _plain(criterion: Criterion) -> Criterion:
     return replace(criterion, loss="square", weight_channel="", regions=())
 
 
-def _with_targets(data: Dataset, channels: Sequence[str]) -> Dataset:
+def _with_targets(data: Dataset, channels: Sequence[str], weight: float = 1.0) -> Dataset:
     """Return a dataset with targets of 0, which count at every sample that is scored."""
     zeros = np.zeros(data.samples)
     others = tuple(channel for channel in data.channels if channel.name not in channels)
     targets = tuple(Channel(name, zeros) for name in channels)
-    return replace(data, channels=(*others, *targets), weight=1.0, use="training")
+    return replace(data, channels=(*others, *targets), weight=weight, use="training")

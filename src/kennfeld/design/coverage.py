@@ -114,7 +114,7 @@ class WeightedCoverage:
         Args:
             keep: number of candidates that remain.
             exchange: exchange those that remain for dropped ones, until none of them is better.
-            stop: is asked after each that is dropped; those so far remain dropped.
+            stop: is asked after each that is dropped, and before each exchange; those so far remain dropped.
 
         Returns:
             The dropped ones, the first missed least, each with the variance without it and those before it.
@@ -127,7 +127,7 @@ class WeightedCoverage:
         gone = [number for number, _ in dropped]
         kept = [number for number in everything if number not in gone]
         blocked = np.isin(everything, kept)
-        self._exchange(kept, blocked)
+        self._exchange(kept, blocked, lambda _: stop(gone))
         return self._eliminate(everything, [number for number in everything if number not in kept], len(dropped))
 
     def _eliminate(

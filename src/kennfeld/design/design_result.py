@@ -23,6 +23,7 @@ from kennfeld.domain.file_spans import short_names
 from kennfeld.optimize.fit.result import Result, aligned
 
 MOST_ROWS = 8  # points that a text shows
+STOPPED = "stopped: "  # begins the warning that a search was stopped
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,7 @@ class Design:
         factor: predicted mean variance of prediction over the use, relative to that now; NaN if it is unknown.
         course: the same after each segment and those before it.
         noise: standard deviation of the noise of each node, on which the prediction is based.
+        stopped: of a search that was stopped, how many were chosen, and how many would have been; None for others.
 
     >>> from kennfeld import design
     >>> levels = design(n=4, ranges={"speed": (800, 6000)}, method="factorial")
@@ -82,6 +84,7 @@ class Design:
     factor: float = float("nan")
     course: tuple[float, ...] = field(default=(), repr=False)
     noise: Mapping[str, float] = field(default_factory=dict, repr=False)
+    stopped: tuple[int, int] | None = None
 
     @classmethod
     def read(cls, path: str | Path) -> "Design":
@@ -203,6 +206,14 @@ class Design:
         more = len(rows) - len(shown)
         further = [f"and {count_noun(more, 'more row')}"] if more > 0 else []
         return "\n".join([*aligned(shown), *further, *self.summary()])
+
+
+def stopped_finding(chosen: int, wanted: int, noun: str) -> list[Finding]:
+    """Return the warning that a search was stopped before all that was wanted was chosen."""
+    if chosen >= wanted:
+        return []
+    message = f"{STOPPED}{chosen} of {count_noun(wanted, noun)} were chosen"
+    return [Finding(Location("design"), message, severity="warning")]
 
 
 # is given a function that makes the design so far, or None; True ends the search with it

@@ -40,6 +40,7 @@ class Information:
         seed: int = 0,
         *,
         alike: bool = False,
+        recorded: bool = False,
     ) -> "Information":
         """Evaluate candidates and use together, by one kernel.
 
@@ -50,9 +51,10 @@ class Information:
             count: number of candidates.
             use: the operation that matters; samples that are not scored do not count, the others by their weights.
             seed: of the sets of values.
+            recorded: the candidates are training data, and keep their targets and weights.
             alike: training and test data of the use count alike, however many samples they have.
         """
-        together = CandidateData(fitted, candidates, use=use)
+        together = CandidateData(fitted, candidates, use=use, recorded=recorded)
         kinds = [data.use if alike else "" for data in use]
         parts = {kind: count + number for number, kind in enumerate(dict.fromkeys(kinds))}
         groups = [

@@ -39,6 +39,9 @@ class PointChoice:
         return float(self.factors[-1])
 
 
+Stop = Callable[[PointChoice], bool]  # is given the choice so far; True ends the search with it
+
+
 class PointSearch:
     """Searches candidates for the points that determine linear functions of the values best.
 
@@ -57,8 +60,11 @@ class PointSearch:
         self._repeats = repeats
         self.before = np.einsum("ij,jk,ik->i", self._functions, self._inverse, self._functions)
 
-    def choose(self, count: int, rounds: int = ROUNDS, stop: Callable[[], bool] = lambda: False) -> PointChoice:
-        """Choose at most `count` points, and exchange them in `rounds` passes, or until `stop` says so."""
+    def choose(self, count: int, rounds: int = ROUNDS, stop: Stop = lambda choice: False) -> PointChoice:
+        """Choose at most `count` points, and exchange them in `rounds` passes.
+
+        `stop` is asked after each point and before each exchange; True ends the search with the choice it is given.
+        """
         candidates = len(self._rows)
         count = count if self._repeats else min(count, candidates)
         state = _CandidateState(self._inverse, self._rows, self._functions, self.before)
@@ -67,10 +73,10 @@ class PointSearch:
             chosen.append(self._best(state, chosen))
             state.add(chosen[-1])
             factors.append(float(np.sqrt(max(state.mean, 0.0))))
-            if stop():
+            if stop(PointChoice(tuple(chosen), np.array(factors))):
                 return PointChoice(tuple(chosen), np.array(factors))
         for _ in range(rounds if count <= candidates else 0):
-            if stop() or not self._exchange(state, chosen):
+            if not self._exchange(state, chosen, stop):
                 break
         return self._ordered(chosen) if rounds else PointChoice(tuple(chosen), np.array(factors))
 
@@ -80,10 +86,13 @@ class PointSearch:
             gains[chosen] = -np.inf
         return int(gains.argmax())
 
-    def _exchange(self, state: "_CandidateState", chosen: list[int]) -> bool:
+    def _exchange(self, state: "_CandidateState", chosen: list[int], stop: Stop) -> bool:
+        """Exchange points for better ones; return False if none is, or if the search is stopped."""
         improved = False
         for at, own in enumerate(chosen):
             before = state.mean
+            if stop(PointChoice(tuple(chosen), np.sqrt(np.maximum([1.0, before], 0.0)))):
+                return False
             state.add(own, -1.0)
             other = self._best(state, chosen[:at] + chosen[at + 1 :])
             state.add(other)

@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from kennfeld.base.arrays import Float, Int
-from kennfeld.base.errors import Findings, InputError, Location
+from kennfeld.base.errors import Finding, Findings, InputError, Location
 from kennfeld.base.formatting import count_noun, join_names, nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.design.candidate_data import CandidateData
-from kennfeld.design.design_result import Design
+from kennfeld.design.coverage import never
+from kennfeld.design.design_result import Design, stopped_finding
 from kennfeld.design.fitted_function import FittedFunction
 from kennfeld.design.information import Information
 from kennfeld.design.open_directions import (
@@ -20,7 +21,7 @@ from kennfeld.design.open_directions import (
     reduced_functions,
     regular_curvature,
 )
-from kennfeld.design.point_choice import PointChoice, PointSearch
+from kennfeld.design.point_choice import PointChoice, PointSearch, Stop
 from kennfeld.design.predicted_estimate import deviations
 from kennfeld.design.segment_design import describe_unsettled
 from kennfeld.design.value_text import matching
@@ -34,6 +35,10 @@ MOST_CANDIDATES = 4000
 MANY_POINTS = 100  # points of a kind that settle nothing if they leave more than 0.9 of a deviation
 MOST_NODES = 12  # further nodes that are tried as a second criterion
 NOTICEABLE = 0.8  # of what points leave, below which a second criterion is worth a sentence
+
+
+PointOutcome = tuple[Design, Int]  # a design without its points, and the numbers of these among the candidates
+PointWatch = Callable[[Callable[[], PointOutcome]], bool]  # as `Watch`
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +81,8 @@ def design_points(
     names: Sequence[str] = (),
     direction: int | None = None,
     seed: int = 0,
-    stop: Callable[[], bool] = lambda: False,
-) -> tuple[Design, Int]:
+    watch: PointWatch = never,
+) -> PointOutcome:
     """Choose steady points.
 
     Args:
@@ -89,7 +94,7 @@ def design_points(
         names: patterns of the parameters to determine.
         direction: number of the undetermined direction to determine, from 1, in the order of the trust.
         seed: of the sets of values over which information is averaged.
-        stop: is asked after each point; True ends the search with those so far.
+        watch: is asked after each point, and before each exchange; True ends the search with those so far.
 
     Returns:
         The design without the points, and their numbers, Int[points].
@@ -115,35 +120,65 @@ def design_points(
         message = f"there are {count_noun(samples.size, 'candidate')}, fewer than the {count} asked for"
         findings.warning(PLACE, message, "Name more candidates, or widen the ranges.")
     rows[..., fitted.fixed] = 0.0
-    sentences: list[str] = []
-    unsettled: list[str] = []
-    factor = float("nan")
+    outcomes = _Outcomes(fitted, kind, rows, numbers[samples], min(count, samples.size), findings.finish())
     if names or direction is not None:
         search = _ValueSearch(fitted, kind, rows, names, direction)
-        choice = search.choose(count, stop)
-        chosen = list(choice.chosen)
-        sentences, unsettled = search.sentences(choice, kinds, candidates)
-    else:
-        owners = np.full(dataset.samples, -1, dtype=np.int64)
-        owners[samples] = np.arange(samples.size)
-        information = Information.of(fitted, [dataset], [owners], samples.size, use, seed)
-        chosen = information.coverage.choose(count, stop=lambda chosen: stop())
-        factor = information.coverage.of(chosen) / information.coverage.of([])
-    if stop() and len(chosen) < min(count, samples.size):
-        findings.warning(PLACE, f"stopped: {len(chosen)} of {count_noun(count, 'point')} were chosen")
-    added = np.einsum("kov,kow->vw", rows[chosen], rows[chosen])
-    if not names and direction is None:
-        unsettled = describe_unsettled(fitted, added, f"These {kind.name} points")
-    design = Design(
-        before=deviations(fitted),
-        noise=dict(fitted.trust.noise),
-        after=deviations(fitted, added),
-        unsettled=tuple(unsettled),
-        sentences=tuple(sentences),
-        findings=findings.finish(),
-        factor=factor,
-    )
-    return design, numbers[samples[chosen]]
+        choice = search.choose(count, lambda made: watch(lambda: outcomes.of(made.chosen, [search.prediction(made)])))
+        return outcomes.of(choice.chosen, *search.sentences(choice, kinds, candidates))
+    owners = np.full(dataset.samples, -1, dtype=np.int64)
+    owners[samples] = np.arange(samples.size)
+    cover = Information.of(fitted, [dataset], [owners], samples.size, use, seed).coverage
+
+    def covering(chosen: Sequence[int]) -> PointOutcome:
+        return outcomes.of(chosen, factor=cover.of([*chosen]) / cover.of([]))
+
+    return covering(cover.choose(count, stop=lambda chosen: watch(lambda: covering(chosen))))
+
+
+@dataclass(frozen=True, eq=False)
+class _Outcomes:
+    """Makes outcomes of chosen points.
+
+    Attributes:
+        fitted: the fit of the present data.
+        kind: what is measured.
+        rows: slopes of the outputs at each candidate, Float[candidates, outputs, free].
+        numbers: of the candidates, as the caller counts them, Int[candidates].
+        wanted: number of points that a search chooses which is not stopped.
+        findings: on the candidates.
+    """
+
+    fitted: FittedFunction
+    kind: PointKind
+    rows: Float
+    numbers: Int
+    wanted: int
+    findings: tuple[Finding, ...]
+
+    def of(
+        self,
+        chosen: Sequence[int],
+        sentences: Sequence[str] = (),
+        unsettled: Sequence[str] | None = None,
+        factor: float = float("nan"),
+    ) -> PointOutcome:
+        """Return the design of some candidates; by default what all directions say of what it leaves open."""
+        own = self.rows[[*chosen]]
+        added = np.einsum("kov,kow->vw", own, own)
+        shares = self.fitted.noise_shares(self.kind.criteria)
+        if unsettled is None:
+            unsettled = describe_unsettled(self.fitted, added, f"These {self.kind.name} points")
+        design = Design(
+            before=deviations(self.fitted),
+            noise=dict(self.fitted.trust.noise),
+            after=deviations(self.fitted, (added, np.einsum("kov,kow,o->vw", own, own, shares))),
+            unsettled=tuple(unsettled),
+            sentences=tuple(sentences),
+            findings=(*self.findings, *stopped_finding(len(chosen), self.wanted, "point")),
+            factor=factor,
+            stopped=(len(chosen), self.wanted) if len(chosen) < self.wanted else None,
+        )
+        return design, self.numbers[[*chosen]]
 
 
 def points_dataset(candidates: Mapping[str, Float], kind: PointKind) -> Dataset:
@@ -199,20 +234,28 @@ class _ValueSearch:
         flat = self._fitted.estimate.reduction.rows(rows.reshape(-1, rows.shape[-1]))
         return flat.reshape(*rows.shape[:2], -1)
 
-    def choose(self, count: int, stop: Callable[[], bool]) -> PointChoice:
+    def choose(self, count: int, stop: Stop) -> PointChoice:
         return PointSearch(self._curvature, self._rows, self._functions).choose(count, stop=stop)
 
     def _left(self, rows: Float, count: int, *, repeats: bool = False) -> float:
         """Return what the best of other points leave; without exchanges, which change its third digit."""
         return PointSearch(self._curvature, rows, self._functions, repeats=repeats).choose(count, rounds=0).factor
 
+    @property
+    def _deviation(self) -> str:
+        return "its deviation" if self._direction is not None else f"the deviation of {self._sought}"
+
+    def prediction(self, choice: PointChoice) -> str:
+        """Return what a choice leaves, in words."""
+        points = count_noun(len(choice.chosen), "point")
+        return f"{points} of {self._kind.name} leave {choice.factor:.2f} of {self._deviation}."
+
     def sentences(
         self, choice: PointChoice, kinds: Sequence[PointKind], candidates: Mapping[str, Float]
     ) -> tuple[list[str], list[str]]:
         """Return predictions, and what no point settles."""
-        count = len(choice.chosen)
-        of = "its deviation" if self._direction is not None else f"the deviation of {self._sought}"
-        said = [f"{count_noun(count, 'point')} of {self._kind.name} leave {choice.factor:.2f} of {of}."]
+        count, of = len(choice.chosen), self._deviation
+        said = [self.prediction(choice)]
         many = max(count, min(MANY_POINTS, len(self._rows)))
         left = choice.factor if many == count else min(self._left(self._rows, many), choice.factor)
         others = [*self._other_kinds(kinds, count), *self._second_criteria(candidates, count)]

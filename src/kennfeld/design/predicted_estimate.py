@@ -13,20 +13,21 @@ from kennfeld.optimize.trust.information_matrix import Spectrum
 from kennfeld.optimize.trust.matrices import Matrix, whole
 
 
-def estimate_with(fitted: FittedFunction, added: Float) -> Estimate:
+def estimate_with(fitted: FittedFunction, added: Float, scatter: Float) -> Estimate:
     """Return the estimate of the fit with further data, whose noise is that of the present data.
 
     Args:
         fitted: the fit before.
         added: Gauss-Newton matrix of the further data at the fitted values, Float[free, free].
+        scatter: variance of the gradient by their noise, Float[free, free].
     """
     before = fitted.estimate
-    more = whole(before.reduction.matrix(added))
+    more, noise_of_more = whole(before.reduction.matrix(added)), whole(before.reduction.matrix(scatter))
     data = _expand(before, before.data) + more
     smoothness = _expand(before, before.smoothness)
     seen = np.diagonal(data + smoothness) > 0
     known = np.ix_(seen, seen)
-    noise = None if before.noise is None else (_expand(before, before.noise) + before.dispersion * more)[known]
+    noise = None if before.noise is None else (_expand(before, before.noise) + noise_of_more)[known]
     with blas_threads(seen.size):
         spectrum = Spectrum.of_matrix((data + smoothness)[known])
     own = before.own + np.diagonal(added)
@@ -59,11 +60,13 @@ def split_values(fitted: FittedFunction, values: Float) -> Mapping[str, Float]:
     }
 
 
-def deviations(fitted: FittedFunction, added: Float | None = None) -> Mapping[str, Float]:
-    """Return the standard deviations of all values by parameter, before or after data with a Gauss-Newton matrix.
+def deviations(fitted: FittedFunction, added: tuple[Float, Float] | None = None) -> Mapping[str, Float]:
+    """Return the standard deviations of all values by parameter, before or after data.
+
+    Of these, the Gauss-Newton matrix and the variance of the gradient are needed; see `estimate_with`.
 
     Before, they are those of the trust of the fit, with the distance to a second minimum. `inf` is undetermined.
     """
     if added is None:
         return {name: fitted.trust.deviation[name] for name in fitted.blocks if name in fitted.trust.deviation}
-    return split_values(fitted, estimate_with(fitted, added).deviation(error=True))
+    return split_values(fitted, estimate_with(fitted, *added).deviation(error=True))

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from kennfeld.base.arrays import Float
-from kennfeld.base.errors import Finding, Findings, InputError, Location
+from kennfeld.base.errors import Findings, InputError, Location
 from kennfeld.base.formatting import count_noun, join_names
 from kennfeld.design.candidate_data import CandidateData
 from kennfeld.design.coverage import never
-from kennfeld.design.design_result import ChosenSegment, Design, Watch
+from kennfeld.design.design_result import ChosenSegment, Design, Watch, stopped_finding
 from kennfeld.design.fitted_function import FittedFunction
 from kennfeld.design.information import Information
 from kennfeld.design.open_directions import (
@@ -76,13 +76,14 @@ def design_segments(
     if len(segments) < count:
         message = f"there are {count_noun(len(segments), 'segment')}, fewer than the {count} asked for"
         findings.warning(PLACE, message, "Name more recordings with --from.")
-    cover, known = information.coverage, findings.finish()
+    cover, known, wanted = information.coverage, findings.finish(), min(count, len(segments))
 
     def designed(chosen: Sequence[int]) -> Design:
         own = [*chosen]
         names, gains = ValueNames(fitted), cover.gains(own)
         picked = [segments[number] for number in own]
-        added = CandidateData(fitted, [each.cut(timed[each.dataset]) for each in picked]).curvature(fitted.values)
+        data = CandidateData(fitted, [each.cut(timed[each.dataset]) for each in picked])
+        added = data.curvature(fitted.values)
         return Design(
             segments=tuple(
                 ChosenSegment(each.file, each.begin, each.end, names.strongest(gain))
@@ -90,22 +91,16 @@ def design_segments(
             ),
             before=deviations(fitted),
             noise=dict(fitted.trust.noise),
-            after=deviations(fitted, added),
+            after=deviations(fitted, (added, data.scatter(fitted.values, added))),
             unsettled=tuple(describe_unsettled(fitted, added, "These segments")),
-            findings=(*known, *_stopped(len(own), min(count, len(segments)), "segment")),
+            findings=(*known, *stopped_finding(len(own), wanted, "segment")),
+            stopped=(len(own), wanted) if len(own) < wanted else None,
             warmup=lead,
             factor=cover.of(own) / cover.of([]),
             course=tuple(cover.of(own[: number + 1]) / cover.of([]) for number in range(len(own))),
         )
 
     return designed(cover.choose(count, stop=lambda chosen: watch(lambda: designed(chosen))))
-
-
-def _stopped(count: int, wanted: int, noun: str) -> list[Finding]:
-    """Return the warning that a search was stopped before all that was wanted was chosen."""
-    if count >= wanted:
-        return []
-    return [Finding(PLACE, f"stopped: {count} of {count_noun(wanted, noun)} were chosen", severity="warning")]
 
 
 def _has_memory(fitted: FittedFunction) -> bool:
@@ -167,7 +162,9 @@ def reduce_recordings(
     if keep is not None and not 1 <= keep <= len(files):
         message = f"must be 1 to {len(files)}, the number of recordings, got {keep}"
         raise InputError.of(Location("--keep"), message)
-    information = Information.of(fitted, recordings, owners(files, recordings), len(files), use, seed, alike=True)
+    information = Information.of(
+        fitted, recordings, owners(files, recordings), len(files), use, seed, alike=True, recorded=True
+    )
     # what all recordings tell is replaced by what is known without them
     alone = Information(
         np.repeat(fitted.prior[None], len(information.known), axis=0),
@@ -180,12 +177,14 @@ def reduce_recordings(
     last = 1 if keep is None else keep
 
     def designed(dropped: Sequence[tuple[int, float]]) -> Design:
-        stopped = _stopped(len(dropped), len(files) - last, "recording") if dropped else []
+        wanted = len(files) - last
+        stopped = stopped_finding(len(dropped), wanted, "recording") if dropped else []
         if keep is None:
             useless = [each for each in dropped if each[1] <= ADDS_NOTHING * everything]
             stopped = [] if len(useless) < len(dropped) else stopped
             dropped = useless
-        return replace(_without(fitted, recordings, files, dropped, everything), findings=tuple(stopped))
+        reduced = _without(fitted, recordings, files, dropped, everything)
+        return replace(reduced, findings=tuple(stopped), stopped=(len(dropped), wanted) if stopped else None)
 
     def stop(gone: list[int]) -> bool:
         return watch(lambda: designed([(number, without(gone[: at + 1])) for at, number in enumerate(gone)]))
@@ -260,5 +259,6 @@ def _deviations_without(
     """Return the deviations once recordings are gone, by subtracting what they tell at the fit."""
     if not gone:
         return dict(deviations(fitted))
-    removed = CandidateData(fitted, [segment.cut(recordings[segment.dataset]) for segment in gone])
-    return dict(deviations(fitted, -removed.curvature(fitted.values)))
+    removed = CandidateData(fitted, [segment.cut(recordings[segment.dataset]) for segment in gone], recorded=True)
+    curvature = removed.curvature(fitted.values)
+    return dict(deviations(fitted, (-curvature, -removed.scatter(fitted.values, curvature))))

@@ -8,7 +8,7 @@ import numpy as np
 from kennfeld.base.arrays import Int
 from kennfeld.base.errors import InputError, Location
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.domain.dataset import Dataset
+from kennfeld.domain.dataset import Dataset, pick
 
 
 @dataclass(frozen=True)
@@ -35,11 +35,12 @@ class RecordedSegment:
 
     def cut(self, data: Dataset) -> Dataset:
         """Return the segment with its warm-up, which is simulated but not scored."""
-        part = slice(self.lead, self.last)
-        scored = data.counting[part] & (np.arange(self.lead, self.last) >= self.first)
-        channels = tuple(replace(channel, values=channel.values[part]) for channel in data.channels)
-        time = None if data.time is None else data.time[part]
-        return Dataset(f"{data.name} {self.begin:g} s", channels, time=time, scored=scored, max_gap=data.max_gap)
+        numbers = np.arange(self.lead, self.last)
+        part = pick(data, numbers)
+        # a warm-up of its own takes the place of that of the recording
+        warmup = data.warmup if self.lead == self.first else 0.0
+        scored = part.counting & (numbers >= self.first)
+        return replace(part, name=f"{data.name} {self.begin:g} s", scored=scored, warmup=warmup)
 
 
 def cut_segments(datasets: Sequence[Dataset], length: float, warmup: float) -> list[RecordedSegment]:

@@ -17,6 +17,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 STEPS_PER_DISTANCE = 20
 LEAST_SHARE = 1e-3  # of the mean distance of the inner breakpoints; closer ones are one
 SAME = 5e-7  # relative to their size; the single precision of control units resolves 1.2e-7
+_SHORT = 12  # digits of a number that is meant to be a short one
 DIGITS = 15  # that a double holds: a step below the last one would change nothing
 
 
@@ -49,6 +50,21 @@ def nice_step(distance: float) -> float:
     steps = [float(f"{digit}e{power + more}") for more in (-1, 0) for digit in (1, 2, 5)]
     # 1e-12: a distance that is meant to be 20 steps may be a rounding error less
     return max((step for step in steps if step <= most * (1 + 1e-12)), default=0.0)
+
+
+def evenly_spaced(begin: float, end: float, count: int) -> Float:
+    """Return breakpoints at equal distances, Float[count], written as 0.3 rather than 0.30000000000000004.
+
+    >>> evenly_spaced(0.0, 1.0, 11).tolist()[3:7]
+    [0.3, 0.4, 0.5, 0.6]
+    """
+    with np.errstate(over="ignore"):  # rounding may carry the last one beyond all numbers; it is `end`
+        points = np.linspace(begin, end, count)
+    rounding = 4 * np.finfo(float).eps * max(abs(begin), abs(end))
+    short = np.array([float(f"{point:.{_SHORT}g}") if abs(point) > rounding else 0.0 for point in points.tolist()])
+    near = np.abs(short - points) <= rounding
+    near[[0, -1]] = False  # the ends are as written
+    return np.where(near, short, points)
 
 
 def separated(points: Float) -> Float:

@@ -78,9 +78,9 @@ class Criterion:
         node: the node.
         target: a channel, a node or a number: a name, a number or a `Target`.
         weight: multiplies the losses of all samples.
-        loss: `square`, `huber` or `soft_l1`, the latter two with their `delta`; or `excess`, the square above the
-            target only.
-        delta: error in units of the scale at which `huber` and `soft_l1` leave the square.
+        loss: `square`; a robust loss, `huber` or `soft_l1`, with its `delta`; or `excess`, the square above the target
+            only.
+        delta: error in units of the scale at which a robust loss leaves the square.
         scale: what errors are divided by, in the unit of the node.
         weight_channel: channel that multiplies the loss of each sample; empty for none.
         regions: samples with a weight of their own; the weights of all regions that contain a sample are multiplied.

@@ -326,6 +326,8 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
 
     def with_channels(self, *added: Channel) -> Self:
         """Return the same dataset with channels added, or replaced where the name is taken."""
+        if not added:
+            return self
         by_name = {channel.name: channel for channel in (*self.channels, *added)}
         return replace(self, channels=tuple(by_name.values()))
 

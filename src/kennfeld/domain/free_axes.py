@@ -3,7 +3,7 @@
 A group axis is a single axis, however many tables share it; any other axis belongs to one table.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from fnmatch import fnmatchcase
 from typing import NamedTuple
 
@@ -106,7 +106,7 @@ def with_fixed_axes(parameters: ParameterSet, keys: Iterable[AxisKey]) -> Parame
     return _with_axes(parameters, lambda axis, key: axis.changed(free=False) if key in fixed else axis)
 
 
-def with_free_axes(parameters: ParameterSet, patterns: Iterable[str]) -> ParameterSet:
+def with_free_axes(parameters: ParameterSet, patterns: Collection[str]) -> ParameterSet:
     """Return the set with the axes free that a pattern matches: the name of a group axis, or `Table.x`.
 
     Raises `ArgumentError` if a pattern matches none.
@@ -116,6 +116,8 @@ def with_free_axes(parameters: ParameterSet, patterns: Iterable[str]) -> Paramet
     >>> [axis.free for axis in with_free_axes(ParameterSet([table]), ["M.x"])["M"].axes]
     [True, False]
     """
+    if not patterns:
+        return parameters
     keys = {str(key): key for key in _places(parameters)}
     free = set()
     for pattern in patterns:

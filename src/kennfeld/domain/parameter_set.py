@@ -180,6 +180,8 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
         as a variant. A member without a variant replaces the selected one, whichever that is. Raises `ArgumentError` if
         a group axis of `other` contradicts tables that stay.
         """
+        if not (self.chosen or self.others or self.axes):
+            return other
         selected = {member.name: member.variant for member in self.chosen if member.variant}
         new = ParameterSet(
             (_of_variant(member, selected) for member in other.parameters),
@@ -196,14 +198,14 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
         used = {axis.name for member in members.values() for axis in member.axes}
         spare = {axis.name: axis for axis in self.axes if axis.name not in used}
         axes = (spare | {axis.name: axis for axis in new.axes}).values()
-        merged = ParameterSet(members.values(), texts.values(), axes)
         others = {**self.everything, **new.everything}
-        for member in merged.chosen:
+        chosen: tuple[Parameter | Text, ...] = (*members.values(), *texts.values())
+        for member in chosen:
             # everything else remains a further variant, the values selected before among it
             others.pop((member.name, member.variant), None)
-        # an empty set takes over the file of the other one
+        # a set without members takes over the file of the other one
         origin = (self if self.chosen else other).origin
-        return ParameterSet(merged.parameters, merged.texts, merged.axes, others.values(), origin=origin)
+        return ParameterSet(members.values(), texts.values(), axes, others.values(), origin=origin)
 
     def with_parameters(self, *changed: Parameter) -> "ParameterSet":
         """Return the set with some parameters replaced or added."""

@@ -202,7 +202,10 @@ class Parameter(NotebookDisplay):
         numbers = array(values, f"values of {self.name}")
         if numbers.shape not in (self.values.shape, (self.size,)):
             raise ArgumentError(f"{self.name} has values of shape {self.values.shape}, got {numbers.shape}")
-        return self.changed(values=numbers.reshape(self.values.shape))
+        copy = object.__new__(type(self))
+        # all else has been checked, and is read-only
+        vars(copy).update(vars(self), values=readonly(numbers.reshape(self.values.shape)))
+        return copy
 
     def with_bounds(self, lower: ArrayLike | None = None, upper: ArrayLike | None = None) -> Self:
         """Return the same parameter within other bounds, each a number, an array of its shape, or None for none."""

@@ -327,6 +327,10 @@ class RBF(Parameter):
         lower.setflags(write=False)
         object.__setattr__(self, "lower", lower)
 
+    def with_values(self, values: ArrayLike) -> Self:
+        # the bounds of widths may depend on them
+        return super().with_values(values).changed()
+
     def _expected_shape(self, values: Float) -> tuple[int, ...]:
         inputs = self.coordinates
         # an offset and a slope per input; each centre has a weight, and a position and a width per input

@@ -6,8 +6,10 @@ import numpy as np
 
 from kennfeld.base.arrays import Bool
 from kennfeld.domain.axis import AXIS_LETTERS
+from kennfeld.domain.breakpoint_rounding import SAME
 from kennfeld.domain.parameters import Parameter
 
+_CELL = 1e-3  # share of the narrowest cell that is no rounding error
 Range = Mapping[str, tuple[float, float]]  # by direction, both ends included
 
 
@@ -18,12 +20,16 @@ def missing_directions(table: Parameter, part: Range) -> list[str]:
 
 
 def grid_points_within(table: Parameter, part: Range) -> Bool:
-    """Mark the grid points within ranges of axis values, both ends included; Bool of the table's shape."""
+    """Mark the grid points within ranges of axis values, both ends included; Bool of the table's shape.
+
+    An end is met by a breakpoint that differs from it by rounding: 0.1 + 0.2 and 0.3, or 0.3 in single precision.
+    """
     inside = np.ones(table.values.shape, dtype=bool)
     for direction, (first, last) in part.items():
         which = AXIS_LETTERS.index(direction)
         points = table.index_axes[which].breakpoints
+        slack = min(SAME * np.abs(points).max(), _CELL * np.diff(points).min(initial=np.inf))
         # broadcast along the other axes
         shape = [-1 if i == which else 1 for i in range(table.values.ndim)]
-        inside &= ((points >= first) & (points <= last)).reshape(shape)
+        inside &= ((points >= first - slack) & (points <= last + slack)).reshape(shape)
     return inside

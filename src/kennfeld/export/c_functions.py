@@ -61,18 +61,39 @@ static T N_sign(T x)
 static int32_t N_find(T x, const T *points, int32_t n)
 {
     int32_t low = 0;
-    int32_t high = n - 1;
+    int32_t cells = n - 1;
 
-    while ((high - low) > 1) {
-        const int32_t middle = low + ((high - low) / 2);
+    while (cells > 1) {
+        const int32_t half = cells / 2;
 
-        if (x >= points[middle]) {
-            low = middle;
-        } else {
-            high = middle;
-        }
+        low = (x >= points[low + half]) ? (low + half) : low;
+        cells = cells - half;
     }
     return low;
+}""",
+    "find_even": """\
+/* the same of an axis whose breakpoints are about evenly spaced, `density` of them per unit: its cell or a neighbour
+   follows from x */
+static int32_t N_find_even(T x, const T *points, int32_t n, T density)
+{
+    const int32_t last = n - 2;
+    const T guess = (x - points[0]) * density;
+    int32_t cell = 0;
+
+    if (guess >= (T)last) {
+        cell = last;
+    } else if (guess > $0) {
+        cell = (int32_t)guess;
+    } else {
+        /* below the first breakpoint, or NaN */
+    }
+    while ((cell > 0) && (x < points[cell])) {
+        cell--;
+    }
+    while ((cell < last) && (x >= points[cell + 1])) {
+        cell++;
+    }
+    return cell;
 }""",
     "linear": """\
 /* share of cell i that lies below x; < 0 or > 1 beyond the ends of the axis */

@@ -2,6 +2,9 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
+from kennfeld.base.arrays import Float
 from kennfeld.export.c_arithmetic import COMPARISONS, MAX_SHORT_POWER, CArithmetic, power_products
 from kennfeld.export.c_functions import WITH_ALPHA, CFunctions, counts_points
 from kennfeld.export.prepared import PreparedFunction
@@ -9,6 +12,7 @@ from kennfeld.graph.dense_layer import DenseLayer
 from kennfeld.graph.lookup_lowering import AxisRef, ExpansionRef, TableRef
 
 _TRUTHS = (*COMPARISONS, "and", "or", "not")
+LEAST_EVEN = 6  # breakpoints from which on a search takes longer than a division of the axis
 
 
 class StepWriter:
@@ -110,9 +114,17 @@ class StepWriter:
             # 0, but NaN for a coordinate that is not finite
             self._define(f"f{at}", f"{value} * {self._arithmetic.zero}")
             return
-        self._define(f"i{at}", f"{self._functions('find')}({value}, {points}, {count})", "int32_t")
+        self._define(f"i{at}", self._search(value, points, axis), "int32_t")
         share = self._functions("clip" if axis.extrapolation == "clip" else "linear")
         self._define(f"f{at}", f"{share}({value}, {points}, i{at})")
+
+    def _search(self, value: str, points: str, axis: AxisRef) -> str:
+        breakpoints = self._function.axes[axis.number]
+        density = None if axis.key is not None else even_density(breakpoints)
+        arguments = f"{value}, {points}, {breakpoints.size}"
+        if density is None:
+            return f"{self._functions('find')}({arguments})"
+        return f"{self._functions('find_even')}({arguments}, {self._arithmetic.literal(density)})"
 
     def _points(self, axis: AxisRef) -> str:
         if axis.key is not None:
@@ -160,3 +172,17 @@ class StepWriter:
 
     def _alpha(self, layer: DenseLayer) -> str:
         return f"{self._arithmetic.literal(layer.alpha)}, " if layer.activation in WITH_ALPHA else ""
+
+
+def even_density(breakpoints: Float) -> float | None:
+    """Return the number of breakpoints per unit if all are nearer to even places than to their neighbours', else None.
+
+    >>> even_density(np.array([0.0, 10.0, 20.0, 31.0, 40.0, 50.0]))
+    0.1
+    >>> even_density(np.array([0.0, 1.0, 2.0, 4.0, 8.0, 16.0]))
+    """
+    cells = breakpoints.size - 1
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        density = float(cells / (breakpoints[-1] - breakpoints[0]))
+        apart = np.abs((breakpoints - breakpoints[0]) * density - np.arange(cells + 1))
+    return density if cells + 1 >= LEAST_EVEN and density > 0 and bool(np.all(apart < 0.5)) else None

@@ -59,10 +59,18 @@ class HostCompiler:
         Raises:
             CompilationError: the compiler fails.
         """
-        command = [*self.command, *FLAGS, *flags, "-fPIC", "-shared", "-o", str(target), *map(str, sources), "-lm"]
+        self.run([*FLAGS, *flags, "-fPIC", "-shared", "-o", str(target), *map(str, sources), "-lm"], target.parent)
+
+    def run(self, arguments: Sequence[str], folder: Path) -> None:
+        """Run the compiler in a folder.
+
+        Raises:
+            CompilationError: it fails.
+        """
+        command = [*self.command, *arguments]
         try:
             run = subprocess.run(
-                command, capture_output=True, text=True, errors="replace", timeout=self.timeout, check=False
+                command, cwd=folder, capture_output=True, text=True, errors="replace", timeout=self.timeout, check=False
             )
         except (OSError, subprocess.TimeoutExpired) as error:
             raise CompilationError(f"{self.name} cannot be run: {error}") from None

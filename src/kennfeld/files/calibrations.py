@@ -23,11 +23,11 @@ _SETTINGS = ("bounds", "locks", "free axes")
 _NOT_FINITE = ("missing values", "infinities")
 _PLAIN = ("inputs", "extrapolation", "line breaks", *_SETTINGS)
 _DCM = ("kinds", *_PLAIN)
-_CVX = ("kinds", "descriptions", "group units", *_PLAIN)
+_CVX = ("kinds", "descriptions", "group units", "columns", *_PLAIN)
 
 _DCM_LINE = (
     r"(?:KONSERVIERUNG_FORMAT|(?:FEST|GRUPPEN)?(?:KENNLINIE|KENNFELD)|FESTWERT(?:EBLOCK)?"
-    r"|STUETZSTELLENVERTEILUNG|TEXTSTRING|FUNKTIONEN|VARIANTENKODIERUNG|MODULKOPF)(?:\s|$)"
+    r"|STUETZSTELLENVERTEILUNG|TEXTSTRING|FUNKTIONEN|VARIANTENKODIERUNG|MODULKOPF)(?:\s|$)(?![ \t]*=)"
 )
 _IMAGE_RECORD = re.compile(r"\s*(?::[0-9A-Fa-f]{10}|S[0-9][0-9A-Fa-f]{6})")
 _PAR_TITLE = re.compile(r"\s*CANape PAR V\d")

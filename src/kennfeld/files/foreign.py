@@ -1,5 +1,6 @@
 """Files that cannot be read: pointers, web pages, pictures and programs, and formats of other tools."""
 
+import codecs
 import re
 import struct
 from typing import NamedTuple
@@ -19,6 +20,8 @@ _PAGE = re.compile(
 _DRAWING = re.compile(
     rb"\A\s*(?:<\?xml[^>]*>\s*)?(?:<!(?>--.*?-->|doctype svg[^>]*+>)\s*+)*+<svg[\s>]", re.IGNORECASE | re.DOTALL
 )
+# characters of Latin-1 in two or four bytes, of which the others are zero
+_WIDE_TEXT = re.compile(rb"(?:C\0){16}|(?:\0C){16}|(?:C\0{3}){8}|(?:\0{3}C){8}".replace(b"C", rb"[\t\n\r -~\xa0-\xff]"))
 _PICTURES = (
     (b"\x89PNG\r\n\x1a\n", "PNG"),
     (b"\xff\xd8\xff", "JPEG"),
@@ -62,7 +65,7 @@ def identify_foreign(head: bytes) -> ForeignContent | None:
     'a picture (GIF)'
     """
     text = _plain_text(head[:_HEAD])
-    recognitions = (_without_content, _git_pointer, _web_page, _picture, _video, _program, _encrypted)
+    recognitions = (_without_content, _wide_text, _git_pointer, _web_page, _picture, _video, _program, _encrypted)
     return next((content for recognise in recognitions if (content := recognise(text)) is not None), None)
 
 
@@ -85,7 +88,10 @@ def identify_package(content: bytes) -> ForeignContent | None:
 
 def _plain_text(head: bytes) -> bytes:
     """Return text of two bytes a character as UTF-8, without the mark of its encoding; other bytes as they are."""
-    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
+    # the mark of UTF-32 begins with that of UTF-16
+    if head.startswith((codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE)):
+        return head[4:]
+    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return head[: len(head) // 2 * 2].decode("utf-16", "replace").encode("utf-8", "replace")
     return head.removeprefix(b"\xef\xbb\xbf")
 
@@ -94,6 +100,12 @@ def _without_content(head: bytes) -> ForeignContent | None:
     if head and not head.strip(b"\0"):
         return ForeignContent("a file of zero bytes, such as a copy leaves that was not finished", "Copy it again.")
     return None
+
+
+def _wide_text(head: bytes) -> ForeignContent | None:
+    if _WIDE_TEXT.match(head) is None:
+        return None
+    return ForeignContent("text in UTF-16 without a byte order mark, or in UTF-32", "Save it as UTF-8.")
 
 
 def _git_pointer(head: bytes) -> ForeignContent | None:

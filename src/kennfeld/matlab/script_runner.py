@@ -237,12 +237,33 @@ class _ScriptRunner(NumericEvaluator):
                 self._declare(statement)
 
     def _assign(self, statement: m.Assign) -> None:
-        values = self.values(statement.value, len(statement.targets))
-        if not values or (len(values) < len(statement.targets)):
+        targets = self._listed_targets(statement)
+        values = self.values(statement.value, len(targets))
+        if len(values) == 1:  # `p.a = 1` is not a list of targets, and an error for an array
+            targets = statement.targets
+        if not values or (len(values) < len(targets)):
             raise MatlabError.at(self.name, statement.value.place, "fewer values than targets")
-        for target, value in zip(statement.targets, values, strict=False):
+        for target, value in zip(targets, values, strict=False):
             if target is not None:
                 self._store(target, value, statement)
+
+    def _listed_targets(self, statement: m.Assign) -> Sequence[m.Expression | None]:
+        """Return the targets of an assignment; `[p.a] = ...` has one for each struct of an array."""
+        result: list[m.Expression | None] = []
+        for target in statement.targets:
+            count = self._struct_count(target)
+            if isinstance(target, m.Field) and count != 1:
+                indices = (m.Number(at + 1.0) for at in range(count))
+                result += [replace(target, of=m.Call(target.of, (index,), place=target.place)) for index in indices]
+            else:
+                result.append(target)
+        return result
+
+    def _struct_count(self, target: m.Expression | None) -> int:
+        """Return the number of structs of the variable of which a target is a field; 1 for other targets."""
+        holder = target.of if isinstance(target, m.Field) else None
+        value = self.variables.get(holder.name) if isinstance(holder, m.Name) else None
+        return value.elements.size if isinstance(value, v.MatlabStruct) else 1
 
     def _store(self, target: m.Expression, value: v.Value, statement: m.Statement) -> None:
         try:

@@ -92,6 +92,24 @@ class OpaqueValue:
 Value: TypeAlias = Array | MatlabCell | MatlabStruct | MatlabFunctionHandle | OpaqueValue
 
 
+class StructArray(tuple[Mapping[str, Any], ...]):
+    """An array of structs as a Python value, by columns; a plain tuple is a cell array."""
+
+    shape: tuple[int, ...] = ()
+
+    @classmethod
+    def of(cls, elements: Iterable[Mapping[str, Any]], shape: tuple[int, ...]) -> "StructArray":
+        """Return an array of structs of this shape."""
+        result = cls(elements)
+        result.shape = shape
+        return result
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The fields that all elements have."""
+        return tuple(name for name in (self[0] if self else ()) if all(name in element for element in self))
+
+
 def object_array(values: Sequence[Any], shape: tuple[int, ...]) -> Array:
     """Return any values as an object array, in column-major order."""
     array = np.empty(len(values), dtype=object)
@@ -255,6 +273,9 @@ def from_python(value: Any) -> Value:
         return characters(value)
     if isinstance(value, Mapping):
         return MatlabStruct.of({str(name): from_python(inner) for name, inner in value.items()})
+    if isinstance(value, StructArray):
+        structs = [{name: from_python(element[name]) for name in value.names} for element in value]
+        return MatlabStruct(object_array(structs, value.shape), value.names)
     if isinstance(value, list | tuple):
         return MatlabCell(object_array([from_python(inner) for inner in value], (1, len(value))))
     array = np.asarray(value)

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from kennfeld.base.arrays import Bool, Float
-from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.errors import Finding, Fix, InputError, Location
 from kennfeld.base.formatting import join_names, nearest, one_line
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.dataset import Channel, Clock, Dataset, common_start_time
@@ -23,6 +23,7 @@ from kennfeld.measurement.table_conversion import assemble, check_columns, reado
 from kennfeld.measurement.time_column import SAME_INSTANT, clock_of, start_time_of, time_in_seconds
 from kennfeld.measurement.unit_text import is_clock
 
+RASTER = "raster"  # the key of a fix, of the dataset that has the file
 _SHIFT = 1e-3  # of a recording, by which equal times may drift apart by rounding
 
 
@@ -59,9 +60,10 @@ def join_groups(
         stamps.size == group.stamps.size and np.all(np.abs(stamps - group.stamps) < SAME_INSTANT) for group in groups
     ):
         message = f"the channels have different rasters: {_describe_rasters(groups)}"
-        finest = min(group.step for group in groups)
-        step = finest if np.isfinite(finest) else 0.1
-        raise InputError.of(location, message, f"Give a raster in s, such as raster = {step:.3g}.")
+        steps = sorted({float(f"{group.step:.3g}") for group in groups if np.isfinite(group.step)}) or [0.1]
+        remedy = f"Give a raster in s, such as raster = {steps[0]:.3g}."
+        fixes = tuple(Fix.set((RASTER,), step) for step in dict.fromkeys((steps[0], steps[-1])))
+        raise InputError([Finding(location, message, remedy, fixes=fixes)])
     channels: list[Channel] = []
     for group in groups:
         values = group.values
@@ -141,20 +143,27 @@ def _shared_raster(location: Location, groups: Sequence[_ChannelGroup], raster: 
 def split_timelines(table: Table, selection: Selection) -> list[Table]:
     """Return a table for each time column with requested channels; the table itself if it has a single time."""
     columns = table.columns
-    clocks = [k for k, column in enumerate(columns) if _may_be_clock(column, selection)]
+    clocks = [k for k, column in enumerate(columns) if _is_stated_clock(table, column) or _may_be_clock(table, column)]
     # a table in groups begins with a time column
     if len(clocks) < 2 or clocks[0] != 0:
         return [table]
     # the same clock again, perhaps from another origin, does not begin a group of its own
     if not _differ([columns[k] for k in clocks], 0.0 if table.staggered else _SHIFT):
         copies = {k for k in clocks[1:] if table.staggered or columns[k].name == columns[0].name}
+        copies -= {k for k in copies if selection.requests(columns[k].name)}
         return [replace(table, columns=tuple(c for k, c in enumerate(columns) if k not in copies))]
-    groups = [columns[k:end] for k, end in pairwise([*clocks, len(columns)]) if end > k + 1]
+    ranges = pairwise([*clocks, len(columns)])
+    # a time that is requested is a channel of its own group, too
+    groups = [columns[k:end] for k, end in ranges if end > k + 1 or selection.requests(columns[k].name)]
     if not groups or _count_groups(table.names, {columns[k].name for k in clocks}) < 2:
         return [table]
     if selection.channels is None:
         groups = _join_texts(groups)
-    asked = [group for group in groups if any(selection.includes(channel.name) for channel in group[1:])]
+    asked = [
+        (clock, *channels)
+        for clock, *channels in groups
+        if selection.requests(clock.name) or any(selection.includes(channel.name) for channel in channels)
+    ]
     parts = [_part(table, group) for group in asked or groups[:1]]
     # a reader stops at errors, so they are needed once
     others = tuple(finding for finding in table.findings if finding.severity != "error")
@@ -174,8 +183,12 @@ def _count_groups(names: Sequence[str], clocks: set[str]) -> int:
     return sum(name not in clocks and before in clocks for before, name in pairwise(name for name in names if name))
 
 
-def _may_be_clock(column: Column, selection: Selection) -> bool:
-    if not is_clock(column.name, column.unit) or column.text_count or column.name in (selection.channels or ()):
+def _is_stated_clock(table: Table, column: Column) -> bool:
+    return column.name in table.clock_names
+
+
+def _may_be_clock(table: Table, column: Column) -> bool:
+    if table.clock_names or not is_clock(column.name, column.unit) or column.text_count:
         return False
     known = column.values[~np.isnan(column.values)]
     still = known.size > 2 and known[0] == known[-1]  # a quantity in s or min that does not change

@@ -5,12 +5,14 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Protocol, Self, TypeVar
 
-from kennfeld.base.errors import Findings
+from kennfeld.base.errors import Finding, Findings, Fix, Location
 from kennfeld.base.formatting import join_names, nearest
 from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Selection
 
 TIME = "time"
+_MAX_LISTED = 6  # names in a message
+CHANNEL = "channel"  # the key of a fix that names another channel in place of one, wherever it is named
 
 
 class NamedChannel(Protocol):
@@ -69,9 +71,7 @@ def choose(
         if len(named) == 1:
             chosen[named[0].named(asked)] = None
         elif len(named) > 1:
-            others = ", ".join(entry.name for entry in named[:6])
-            message = f"{len(named)} channels are named {asked}"
-            findings.error(source.location, message, f"Name one of them: {others}.")
+            findings.add(several_channels(source.location, asked, [entry.name for entry in named]))
         elif len(arrays) == 1:
             chosen[arrays[0].named(without_indices(asked))] = None
         elif explain is not None:
@@ -81,6 +81,13 @@ def choose(
     findings.finish()
     # if no channel matches, the group that is read lets the message list the available ones
     return list(chosen) or [entries[0]]
+
+
+def several_channels(location: Location, asked: str, names: Sequence[str]) -> Finding:
+    """Return the error that a name means several channels; `names` mean one each."""
+    message = f"{len(names)} channels are named {asked}"
+    fix = Fix(f"Read {asked} from", (((CHANNEL, asked), ""),), tuple(names))
+    return Finding(location, message, f"Name one of them: {', '.join(names[:_MAX_LISTED])}.", fixes=(fix,))
 
 
 def _meanings(entries: Sequence[_C]) -> dict[str, list[_C]]:

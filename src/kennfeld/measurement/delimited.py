@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import islice
 
-from kennfeld.base.errors import ArgumentError, InputError
+from kennfeld.base.errors import ArgumentError, Finding, InputError
 from kennfeld.files.encoding import detect_encoding
 from kennfeld.measurement.cells import Decimal
 from kennfeld.measurement.csv_dialect import split_line
@@ -15,6 +15,7 @@ from kennfeld.measurement.header import Header, unique_names
 from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import ColumnBuilder, Selection, Table
 from kennfeld.measurement.text import RowCollector, iterate_lines, row_findings
+from kennfeld.measurement.unit_text import in_seconds, plain_unit
 
 _HEAD = 1 << 16  # bytes that tell the encoding
 
@@ -31,6 +32,7 @@ def read_delimited(
     units: Sequence[str] = (),
     *,
     skip: int,
+    times: Sequence[str] = (),
     separator: str = " ",
     decimal: Decimal = ".",
 ) -> list[Table]:
@@ -45,6 +47,8 @@ def read_delimited(
         names: the name of each column.
         units: the unit of each column; "" if it has none.
         skip: lines above the first row.
+        times: the names of the time columns, each of which belongs to the channels after it; by default, they are
+            found by their names as in [CSV files](formats.md#measurements). Their units are those of a time, or "".
         separator: between the cells; a blank stands for any number of blanks and tabs.
         decimal: "." or ",".
 
@@ -53,13 +57,14 @@ def read_delimited(
 
     Raises:
         InputError: there are no rows.
-        ArgumentError: there are more or fewer units than names.
+        ArgumentError: there are more or fewer units than names, or the names do not begin with one of the times.
     """
     units = tuple(units) or ("",) * len(names)
     if len(units) != len(names):
         raise ArgumentError(f"units={list(units)} must be as many as the {len(names)} names")
     header = Header(0, skip, tuple(unique_names(names)), units)
-    builders = {i: ColumnBuilder.of(header, i) for i in selection.wants(header)}
+    clocks = _positions(header.names, times)
+    builders = {i: ColumnBuilder.of(header, i) for i in sorted({*selection.wants(header), *clocks})}
     collector = RowCollector(header.width, len(names), builders, decimal)
     for number, line in iterate_lines(source, _encoding(source)):
         if number > skip and line.strip():
@@ -67,7 +72,34 @@ def read_delimited(
     if not len(collector.lines):
         raise InputError.of(source.location, f"there are no rows below line {skip}", "Export the recording again.")
     table = collector.table(source.location)
-    return [replace(table, names=header.names, findings=tuple(row_findings(source.name, collector)))]
+    findings = [*row_findings(source.name, collector), *_unit_findings(table.with_units(selection.units), times)]
+    clock = 0 if times else None
+    return [replace(table, names=header.names, findings=tuple(findings), clock_index=clock, clock_names=tuple(times))]
+
+
+def _positions(names: Sequence[str], times: Sequence[str]) -> list[int]:
+    """Return the positions of the time columns; raise `ArgumentError` if channels stand before the first one."""
+    missing = [name for name in times if name not in names]
+    if missing or (times and names[0] not in times):
+        message = f"times={list(times)} must be names of columns, and the first column, {names[0]}, must be one of them"
+        raise ArgumentError(message)
+    return [names.index(name) for name in times]
+
+
+def _unit_findings(table: Table, times: Sequence[str]) -> list[Finding]:
+    """Report time columns with a unit that is none of a time."""
+    return [
+        Finding(
+            table.location.within(f"column {column.place}"),
+            f"{plain_unit(column.unit)!r} is not a unit of time",
+            "Write s, ms, us, ns, min, h or d.",
+        )
+        for column in table.columns
+        if column.name in times
+        and not column.dated
+        and plain_unit(column.unit) not in ("", "-")
+        and in_seconds(column.unit) is None
+    ]
 
 
 def _encoding(source: MeasurementFile) -> str:

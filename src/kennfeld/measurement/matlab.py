@@ -14,6 +14,7 @@ from kennfeld.files.containers import HDF5
 from kennfeld.matlab import mat_v4, mat_v5, mat_v73
 from kennfeld.matlab.mat_nodes import MatFileError, Node
 from kennfeld.matlab.mcos import resolve_objects
+from kennfeld.measurement.channel_names import several_channels
 from kennfeld.measurement.epochs import with_epochs
 from kennfeld.measurement.header import unique_names
 from kennfeld.measurement.matlab_signals import MatlabSignals, RecordedSignal, TimeBase, find_signals
@@ -155,9 +156,7 @@ def _choose(
         if len(named) == 1:
             chosen[named[0]] = asked
         elif named:
-            others = ", ".join(names[signal] for signal in named[:_MAX_LISTED])
-            message = f"{len(named)} channels are named {asked}"
-            findings.error(source.location, message, f"Name one of them: {others}.")
+            findings.add(several_channels(source.location, asked, [names[signal] for signal in named]))
         elif asked in signals.unreadable:
             message = f"{asked} ({signals.unreadable[asked]}) can only be read by MATLAB"
             findings.error(source.location, message, _PLAIN)

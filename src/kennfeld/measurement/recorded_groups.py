@@ -13,6 +13,7 @@ from kennfeld.base.arrays import Float
 from kennfeld.base.errors import Finding, Findings, InputError, Location, Severity
 from kennfeld.base.formatting import join_names
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.measurement.channel_names import several_channels
 from kennfeld.measurement.claimed_values import check_claimed
 from kennfeld.measurement.epochs import with_epochs
 from kennfeld.measurement.header import Header, unique_names
@@ -22,7 +23,6 @@ from kennfeld.measurement.time_column import find_time, with_unread_time
 from kennfeld.measurement.unit_text import in_seconds, time_unit
 
 _TIME = "time"
-_MAX_LISTED = 8  # channels in a message
 _MAX_WARNINGS = 20
 _MAX_NAMES = 5  # of channels in one message
 
@@ -229,8 +229,7 @@ def _choose(location: Location, names: dict[RecordedChannel, str], selection: Se
     for asked in selection.channels:
         matches = [c for c, name in names.items() if name == asked] or [c for c in names if asked in (c.path, c.name)]
         if len(matches) > 1:
-            others = ", ".join(names[channel] for channel in matches[:_MAX_LISTED])
-            findings.error(location, f"{len(matches)} channels are named {asked}", f"Name one of them: {others}.")
+            findings.add(several_channels(location, asked, [names[channel] for channel in matches]))
         elif matches:
             chosen[matches[0]] = asked
     findings.finish()

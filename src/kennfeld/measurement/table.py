@@ -51,6 +51,10 @@ class Selection:
         """Return whether this channel belongs in the dataset."""
         return self.channels is None or name in self.channels
 
+    def requests(self, name: str) -> bool:
+        """Return whether the caller names this channel, rather than all of them."""
+        return self.channels is not None and name in self.channels
+
 
 @dataclass(frozen=True, eq=False)
 class Column:
@@ -108,6 +112,7 @@ class Table:
     findings: tuple[Finding, ...] = ()
     details: tuple[tuple[str, str], ...] = ()
     clock_index: int | None = None  # of the time column if the format itself defines it
+    clock_names: tuple[str, ...] = ()  # of all time columns if it defines several, each before its channels
     staggered: bool = False  # times of groups that differ by a constant are different times
     restarts: bool = False  # time that falls begins a new piece, as in a log that continues after a restart
     start_time: datetime | None = None  # the instant of time 0, if the file states it apart from its time column

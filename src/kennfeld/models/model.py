@@ -1,8 +1,9 @@
 """`Model`: the graph of one time step together with the name, step and parameters of its source."""
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import field, replace
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import field, fields, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from kennfeld.surrogate.surrogate_file import Surrogate
 
 
+T = TypeVar("T")  # Python 3.11
 MAX_NAMES = 6  # of inputs and the like that a text shows
 
 
@@ -75,6 +77,31 @@ class Model:
         shown = {"inputs": graph.inputs, "parameters": list(graph.parameters), "outputs": graph.outputs}
         parts = [f"{label}: {join_names(names, MAX_NAMES)}" for label, names in shown.items() if names]
         return f"Model({self.name!r}, {'; '.join(parts)})"
+
+    def __getstate__(self) -> dict[str, Any]:
+        # without what is kept for the next fit, compiled code among it
+        return {part.name: getattr(self, part.name) for part in fields(self)}
+
+    @cached_property
+    def _kept(self) -> dict[str, tuple[Any, Any]]:
+        """The last value of each kind that `once` has made, and its source."""
+        return {}
+
+    def once(self, kind: str, source: Any, make: Callable[[], T]) -> T:
+        """Return `make()`, or the last value of its kind if that was made from an equal source.
+
+        Args:
+            kind: tells what is made from other such things.
+            source: all that the value follows from besides the model, comparable by `==`; None to keep nothing.
+            make: makes the value, which nobody changes.
+        """
+        kept = self._kept.get(kind)
+        if kept is None or source is None or kept[0] != source:
+            kept = source, make()
+            if source is not None:
+                self._kept[kind] = kept
+        value: T = kept[1]
+        return value
 
     @property
     def carried(self) -> ParameterSet:
@@ -141,8 +168,10 @@ def bind_scalars(model: Model, parameters: ParameterSet, channels: Collection[st
     """
     # formula text that was read without known parameters takes a bare name for an input
     known = (name for name in model.graph.inputs if name not in channels)
-    names = {name for name in known if name in parameters and not parameters[name].coordinates}
-    return replace(model, graph=_with_lookups(model.graph, sorted(names))) if names else model
+    names = sorted({name for name in known if name in parameters and not parameters[name].coordinates})
+    if not names:
+        return model
+    return model.once("scalars", names, lambda: replace(model, graph=_with_lookups(model.graph, names)))
 
 
 def _with_lookups(graph: Graph, names: Sequence[str]) -> Graph:

@@ -76,6 +76,9 @@ class Accumulator:
             share = visits if visits <= FEW else -(-visits // SHARES)
             self.length = max(MIN_LENGTH, min(self.length, share))
         self.chunks = samples.chunks(self.length)
+        weights = [samples.pieces[chunk.piece].scores for chunk in self.chunks]
+        self._weights = np.array(weights).reshape(len(self.chunks), len(kernel.outputs))
+        self._off = self._weights == 0
         self._shares = self._deal()
         self._workspaces = [Workspace(kernel, samples, self.widths, self.length) for _ in self._shares]
         self._memory = np.zeros((len(self.chunks), kernel.layout.memory))
@@ -128,10 +131,8 @@ class Accumulator:
         self._each_share(work)
         if self.stateful:
             self._last = values.copy(), self.widths.copy()
-        weights = np.array([self.samples.pieces[c.piece].scores for c in self.chunks]).reshape(sums.shape)
         # a weight of 0 switches an output off even where its sum is infinite or NaN
-        off = weights == 0
-        total: Float = np.where(off, 0.0, weights * np.where(off, 0.0, sums)).sum(axis=0)
+        total: Float = np.where(self._off, 0.0, self._weights * np.where(self._off, 0.0, sums)).sum(axis=0)
         return total
 
     def _visit_states(self, values: Float) -> tuple[Float, Workspace]:

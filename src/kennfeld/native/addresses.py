@@ -41,6 +41,14 @@ def address(array: Array, size: int = 0, kind: "np.dtype[Any]" = DOUBLE) -> int:
     return array.ctypes.data
 
 
+def readable(array: Array, kind: "np.dtype[Any]" = DOUBLE) -> Array:
+    """Return an array that `address` accepts: the given one if it does, else a copy; for memory that is only read."""
+    flags = array.flags
+    if array.dtype == kind and flags.c_contiguous and flags.aligned:
+        return array
+    return np.require(array, kind, ["C", "A"])
+
+
 def strided(matrix: Float, size: int = 0) -> tuple[int, int]:
     """Check a matrix of doubles, [rows, columns], and return its address and the doubles from one row to the next.
 

@@ -22,7 +22,7 @@ from kennfeld.base.arrays import Bool, Float, Int, aligned_zeros
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.machine_code.engine import NativeFunction, compile_functions
 from kennfeld.base.machine_code.ir import EIGHT, LANES, ONE, ZERO, FunctionWriter, Vector, literal
-from kennfeld.native.addresses import INT64, address, is_strided, strided
+from kennfeld.native.addresses import INT64, address, is_strided, readable, strided
 from kennfeld.native.block_matrix import BLOCKS, BlockMatrix
 from kennfeld.native.envelope import BLOCK, Envelope
 from kennfeld.native.symmetric import SymmetricMatrix
@@ -59,7 +59,7 @@ class Factor:
         # a factor as it stands needs only the reciprocals of its diagonal; those of the padding are 1
         result.load(lower, np.zeros(size))
         result.inverse[:] = 1.0
-        result.inverse[:size] = 1 / np.diag(lower)
+        result.inverse[:size] = 1 / lower.diagonal()
         return result
 
     @classmethod
@@ -83,7 +83,7 @@ class Factor:
         size = self.envelope.size
         if not is_strided(matrix):
             matrix = np.require(matrix, np.float64, ["C", "A"])
-        diagonal = np.require(diagonal, np.float64, ["C", "A"])
+        diagonal = readable(diagonal)
         pointers = (*strided(matrix, size), address(diagonal, size))
         order = (address(self.envelope.order, size, INT64), size)
         _functions()["load"](*self.pointers, *pointers, *order, address(counts, 2, INT64))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from kennfeld.base.arrays import Float, Int
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.machine_code.ir import FunctionWriter
-from kennfeld.native.addresses import UINT32, address
+from kennfeld.native.addresses import UINT32, address, readable
 
 SHIFT = 12
 BLOCK = 1 << SHIFT  # samples
@@ -38,7 +38,7 @@ class ColumnTable:
 
     def __init__(self, rows: Iterable[Row], count: int | None = None) -> None:
         arrays = ([row] if isinstance(row, np.ndarray) else row for row in rows)
-        self.parts = [[np.require(part, np.float64, ["C", "A"]) for part in row] for row in arrays]
+        self.parts = [[readable(part) for part in row] for row in arrays]
         self.count = sum(part.size for part in (self.parts or [[]])[0]) if count is None else count
         self._seams: list[tuple[Float, Sequence[Float], Int]] = []
         self.version = 0  # counts `reread`

@@ -10,6 +10,7 @@ import numpy as np
 from kennfeld.base.arrays import Float, Int
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.native.addresses import UINT32, readable
 from kennfeld.native.column_table import BLOCK, ColumnTable, Order, Row
 
 
@@ -22,7 +23,7 @@ class Piece:
     scores: Float  # Float[outputs]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "scores", np.require(self.scores, np.float64, ["C", "A"]))
+        object.__setattr__(self, "scores", readable(self.scores))
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class Samples:
         self.wanted = ColumnTable(targets)
         self.inputs = ColumnTable(data, self.wanted.count)
         self.pieces = tuple(pieces)
-        self.order = None if order is None else np.require(order, np.uint32, ["C", "A"])
+        self.order = None if order is None else readable(order, UINT32)
         self._check()
         self.data, self.targets = self.inputs.headed(order), self.wanted.addresses
 

@@ -24,6 +24,8 @@ from kennfeld.domain.file_spans import FileSpans
 from kennfeld.graph import Graph
 from kennfeld.measurement.bus_databases import DatabaseFile
 from kennfeld.measurement.cache import Cache
+from kennfeld.measurement.channel_groups import RASTER
+from kennfeld.measurement.channel_names import CHANNEL
 from kennfeld.measurement.reader import describe, list_columns, read_leniently
 from kennfeld.preprocessing.calculated import Calculated, parse_expression
 from kennfeld.preprocessing.recipe import DatabaseEntry, DatasetEntry, DataSettings
@@ -46,6 +48,7 @@ class ChannelRequest:
         inputs: the channels that the function reads.
         units: unit of each channel that the function states one for, and the owner of that unit: the input Speed.
         in_formulas: channels that the regions of criteria read.
+        places: of required and optional channels, the keys of the project that name each for the function or a target.
         step: the function's own step in s.
         complete: false if the function could not be read, so that channels may be unknown.
         names_are_open: an input becomes a parameter by a section of that name, as in formula text.
@@ -56,6 +59,7 @@ class ChannelRequest:
     inputs: frozenset[str] = frozenset()
     units: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     in_formulas: frozenset[str] = frozenset()
+    places: Mapping[str, tuple[Keys, ...]] = field(default_factory=dict)
     step: float | None = None
     complete: bool = True
     names_are_open: bool = True
@@ -65,8 +69,8 @@ class ChannelRequest:
 class DatasetChannels:
     """The channels that one dataset must have or may have, each with its purpose, and its condition `where`.
 
-    `calculated` are the calculated channels of the project, `findings` the errors in the condition. With
-    `names_are_open`, an input becomes a parameter by a section of that name.
+    `calculated` are the calculated channels of the project, `findings` the errors in the condition, `places` those of
+    the request. With `names_are_open`, an input becomes a parameter by a section of that name.
     """
 
     required: Mapping[str, str]
@@ -76,6 +80,7 @@ class DatasetChannels:
     in_formulas: frozenset[str] = frozenset()
     findings: tuple[Finding, ...] = ()
     names_are_open: bool = True
+    places: Mapping[str, tuple[Keys, ...]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, entry: DatasetEntry, request: ChannelRequest, calculated: Calculated) -> "DatasetChannels":
@@ -87,9 +92,8 @@ class DatasetChannels:
         steady = dict.fromkeys((condition.channel for condition in entry.steady), "the channel of `steady`")
         required = {**request.required, **conditions, **weights, **steady}
         optional = {name: purpose for name, purpose in request.optional.items() if name not in required}
-        return cls(
-            required, optional, calculated, where, frozenset((*conditions, *steady)), findings, request.names_are_open
-        )
+        in_formulas, is_open = frozenset((*conditions, *steady)), request.names_are_open
+        return cls(required, optional, calculated, where, in_formulas, findings, is_open, request.places)
 
     @property
     def names(self) -> list[str]:
@@ -197,7 +201,7 @@ class RecordingReader:
 
     def _add(self, path: str, attempt: "_Attempt") -> None:
         """Record what was learned about a file."""
-        self.findings += attempt.findings
+        self.findings += [replace(each, fixes=self._placed(each.fixes)) for each in attempt.findings]
         self.offered |= dict.fromkeys(attempt.offered)
         for name in attempt.missing:
             self._missing.setdefault(name, []).append(Path(path).name)
@@ -205,6 +209,19 @@ class RecordingReader:
         if attempt.recording is not None:
             self.findings += attempt.recording.findings
             self.clocks |= {attempt.recording.clock.name} if attempt.recording.clock else set()
+
+    def _placed(self, fixes: Sequence[Fix]) -> tuple[Fix, ...]:
+        """Return the fixes of a file's reader, which knows no project, with the keys that they change in it."""
+        placed: list[Fix] = []
+        for fix in fixes:
+            (first, *rest), value = fix.changes[0]
+            if first == RASTER and self.entry.location.keys:
+                placed.append(replace(fix, changes=(((*self.entry.location.keys, RASTER), value),)))
+            elif first == CHANNEL:
+                for keys in self.channels.places.get(str(rest[0]), ()):
+                    title = f"Read {keys[1]} from" if keys[0] == "channels" else fix.title
+                    placed.append(replace(fix, title=title, changes=((keys, value),)))
+        return tuple(placed)
 
     def _attempt(self, path: str, cache: Cache | None) -> "_Attempt":
         """Read the channels of a file, without optional ones that it lacks."""

@@ -6,6 +6,7 @@ usual table but need little memory.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -105,53 +106,58 @@ class TrainingSource:
     scores: Float  # Float[outputs]
 
 
-def assemble_samples(
-    sources: Sequence[TrainingSource],
-    lowered: LoweredGraph,
-    split: GraphPartition,
-    kernel: Kernel,
-    parameters: ParameterSet,
-    *,
-    in_time: bool,
-) -> Samples:
-    """Return the samples of all sources, with the columns that depend on data alone.
+class SampleAssembly:
+    """Assembly of the samples of a kernel, with the columns that depend on data alone.
 
-    Unless all are visited in the order of time, samples without a target are dropped, and the others visited by cell.
+    Args:
+        lowered: the graph with its lookups lowered.
+        split: its parts.
+        kernel: of the part that depends on free values.
+        parameters: those of the shapes and axes that count.
     """
-    prepare = _preparation(lowered, split, kernel, parameters)
-    columns = [source.bound.columns | prepare(source.bound) for source in sources]
-    targets = [[target() for target in source.targets] for source in sources]
-    pieces: list[Piece] = []
-    order, end = None, 0
-    if in_time:
-        for source in sources:
-            edges = [*source.bound.starts.tolist(), source.bound.count]
-            pieces += [Piece(end + a, end + b, source.scores) for a, b in pairwise(edges)]
-            end += source.bound.count
-    else:
-        cells = CellNumbering(LoweredGraph(split.graph, lowered.axes, lowered.shapes))
-        pieces, order = _by_cell(sources, columns, targets, cells)
-    rows = [[source[name] for source in columns] for name in kernel.layout.inputs]
-    return Samples(rows, zip(*targets, strict=True), pieces, order)
 
+    def __init__(self, lowered: LoweredGraph, split: GraphPartition, kernel: Kernel, parameters: ParameterSet) -> None:
+        self._lowered, self._split, self._inputs = lowered, split, tuple(kernel.layout.inputs)
+        self._prepared = [name for name in self._inputs if name in split.columns]
+        self._simulator = self._compiled(parameters) if self._prepared else None
 
-def _preparation(
-    lowered: LoweredGraph, split: GraphPartition, kernel: Kernel, parameters: ParameterSet
-) -> Callable[[BoundDataset], dict[str, Float]]:
-    """Return the function that computes the columns that depend on data alone."""
-    graph = split.prepared
-    names = [name for name in kernel.layout.inputs if name in split.columns]
-    if not names:
-        return lambda _: {}
-    tables = {node.payload.name for node in graph.nodes if node.op in ("interpolate", "expansion", "dense")}
-    prepared = LoweredGraph(graph, lowered.axes, {name: lowered.shapes[name] for name in tables})
-    simulator = Simulator(prepared, [graph.names[name] for name in names], parameters)
+    def _compiled(self, parameters: ParameterSet) -> Simulator:
+        graph, shapes = self._split.prepared, self._lowered.shapes
+        tables = {node.payload.name for node in graph.nodes if node.op in ("interpolate", "expansion", "dense")}
+        prepared = LoweredGraph(graph, self._lowered.axes, {name: shapes[name] for name in tables})
+        return Simulator(prepared, [graph.names[name] for name in self._prepared], parameters)
 
-    def prepare(bound: BoundDataset) -> dict[str, Float]:
-        starts = bound.starts.tolist() if graph.states else [0]
-        return dict(zip(names, simulator.over(bound.columns, bound.count, parameters, starts), strict=True))
+    @cached_property
+    def _cells(self) -> CellNumbering:
+        return CellNumbering(LoweredGraph(self._split.graph, self._lowered.axes, self._lowered.shapes))
 
-    return prepare
+    def samples(self, sources: Sequence[TrainingSource], parameters: ParameterSet, *, in_time: bool) -> Samples:
+        """Return the samples of all sources, given the values of the parameters that are not fitted.
+
+        Unless all are visited in the order of time, samples without a target are dropped, and the others visited by
+        cell.
+        """
+        columns = [source.bound.columns | self._prepare(source.bound, parameters) for source in sources]
+        targets = [[target() for target in source.targets] for source in sources]
+        pieces: list[Piece] = []
+        order, end = None, 0
+        if in_time:
+            for source in sources:
+                edges = [*source.bound.starts.tolist(), source.bound.count]
+                pieces += [Piece(end + a, end + b, source.scores) for a, b in pairwise(edges)]
+                end += source.bound.count
+        else:
+            pieces, order = _by_cell(sources, columns, targets, self._cells)
+        rows = [[source[name] for source in columns] for name in self._inputs]
+        return Samples(rows, zip(*targets, strict=True), pieces, order)
+
+    def _prepare(self, bound: BoundDataset, parameters: ParameterSet) -> dict[str, Float]:
+        """Return the columns that depend on data alone."""
+        if self._simulator is None:
+            return {}
+        starts = bound.starts.tolist() if self._split.prepared.states else [0]
+        prepared = self._simulator.over(bound.columns, bound.count, parameters, starts)
+        return dict(zip(self._prepared, prepared, strict=True))
 
 
 def _by_cell(

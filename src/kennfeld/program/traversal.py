@@ -131,6 +131,32 @@ def field_path(tree: m.Expression) -> list[str] | None:
     return [tree.name, *reversed(names)] if isinstance(tree, m.Name) else None
 
 
+def element_path(tree: m.Expression) -> list[str] | None:
+    """Return the names of `a.b` as `field_path` does, also through elements of arrays of structs: `a(2).b`, `a{2}.b`.
+
+    >>> element_path(m.Field(m.Call(m.Name("a"), (m.Number(2.0),)), "b"))
+    ['a(2)', 'b']
+    """
+    names: list[str] = []
+    while isinstance(tree, m.Field):
+        names.append(tree.name)
+        tree, index = _without_index(tree.of)
+        if index and not isinstance(tree, m.Field):
+            return [f"{tree.name}{index}", *reversed(names)] if isinstance(tree, m.Name) else None
+        if index and isinstance(tree, m.Field):
+            tree = m.Field(tree.of, f"{tree.name}{index}")
+    return [tree.name, *reversed(names)] if isinstance(tree, m.Name) else None
+
+
+def _without_index(tree: m.Expression) -> tuple[m.Expression, str]:
+    """Return what a constant index selects from, and the index as a text."""
+    if isinstance(tree, m.Call | m.CellIndex) and len(tree.arguments) == 1:
+        (index,) = tree.arguments
+        if isinstance(index, m.Number) and index.value >= 1 and index.value.is_integer() and not index.suffix:
+            return tree.of, f"({index.value:.0f})"
+    return tree, ""
+
+
 def dotted_name(tree: m.Expression) -> str:
     """Return `a.b.c` as a text; empty if the expression is not a chain of fields of a name."""
     return ".".join(field_path(tree) or ())

@@ -41,6 +41,7 @@ from kennfeld.optimize.quality.quality import NodeSimulator
 from kennfeld.optimize.search.isolated_call import isolated
 from kennfeld.optimize.strategies.jumps import FEW, MAX_NAMES, find_jumps
 from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.objective import LeastSquaresObjective
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.model_step import clock_findings
 from kennfeld.preprocessing.pipeline import LoadedData
@@ -138,7 +139,7 @@ def check_start(file: ProjectFile, problem: Problem) -> Iterator[Finding]:
     except InputError:  # reported by other checks
         return
     start, _ = project(compiled.start[: compiled.values.free], limits)
-    off = None if start is None else departure(compiled, start, limits)
+    off = None if start is None else departure(LeastSquaresObjective(compiled), compiled, start, limits)
     if off is None:
         return
     for name in off.changed:

@@ -128,6 +128,12 @@ class DesignEntry:
     manoeuvres: tuple[ManoeuvreEntry, ...] = key(
         '`[{ kind = "aprbs", duration = 600 }]`: manoeuvres to plan as time tables', (), word="manoeuvre"
     )
+    max_seconds: float | None = key(
+        "time in s after which the choice ends with what was chosen so far; for the fit before it, see `[optimizer]`",
+        None,
+        above=0,
+        default_text="unlimited",
+    )
     seed: int = key("of random numbers", 0)
 
     def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:

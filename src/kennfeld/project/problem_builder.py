@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kennfeld.base.errors import ArgumentError, Finding, Findings, Fix, InputError, Location
+from kennfeld.base.errors import ArgumentError, Finding, Findings, Fix, InputError, Keys, Location
 from kennfeld.base.formatting import join_names, most_similar, nearest, toml_text
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.constraints import Limit
@@ -338,10 +338,24 @@ class ProblemBuilder:
             frozenset(needed),
             self._units(),
             frozenset(regions),
+            self._places_of_channels(inputs),
             self._step(),
             complete,
             names_are_open=not defines_values(file),
         )
+
+    def _places_of_channels(self, inputs: Sequence[str]) -> dict[str, tuple[Keys, ...]]:
+        """Return the keys that name each channel for an input of the function or for a target."""
+        places: dict[str, tuple[Keys, ...]] = {}
+        for name in inputs:
+            channel = self.file.channels.get(name, name)
+            places[channel] = (*places.get(channel, ()), ("channels", name))
+        for entry in self.file.criteria:
+            keys = (*entry.location.keys, "target")
+            if entry.target.kind in ("channel", "name"):
+                own = (*keys, "channel") if entry.target.kind == "channel" else keys
+                places[entry.target.name] = (*places.get(entry.target.name, ()), own)
+        return places
 
     def _undeclared(self) -> list[str]:
         """Return the names without coordinates that may be inputs, although they are parameters or undefined."""

@@ -104,7 +104,11 @@ class _StepBuilder:
         masks: dict[str, Any] = {}
         for pattern, lock in locks.items():
             matches = self._matching(pattern)
-            masks |= {p.name: self._mask(p, lock) for p in matches} if matches else {pattern: False}
+            locked = {p.name: self._mask(p, lock) for p in matches} if matches else {pattern: False}
+            if matches and lock and isinstance(lock, tuple) and not any(map(np.any, locked.values())):
+                place = self.entry.location.within(f"lock {pattern}")
+                self.findings.warning(place, "no grid point is in these ranges")
+            masks |= locked
         return masks
 
     def _mask(self, table: Parameter, lock: Lock) -> bool | Bool:

@@ -4,11 +4,10 @@ import math
 from collections.abc import Collection, Iterator, Mapping
 from typing import Literal
 
-import numpy as np
-
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import Location
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.domain.breakpoint_rounding import evenly_spaced
 from kennfeld.domain.file_keys import KeyProblem, key
 from kennfeld.domain.parameters import Extrapolation
 from kennfeld.domain.table_parts import Range
@@ -104,8 +103,7 @@ class GroupAxisEntry:
             return ()
         if not math.isfinite(self.end - self.begin):
             return ()  # reported by `problems`
-        with np.errstate(over="ignore"):  # rounding may carry the last one beyond all numbers; it is `end`
-            return tuple(np.linspace(self.begin, self.end, self.count).tolist())
+        return tuple(evenly_spaced(self.begin, self.end, self.count).tolist())
 
     @property
     def quantiles(self) -> int:

@@ -46,6 +46,10 @@ if TYPE_CHECKING:
     "--use", "Cycle or recording of the operation that matters, or a pattern; may be repeated.", "FILES", multiple=True
 )
 @option(
+    *("--max-seconds", "End the choice after this time, with what was chosen so far.", "S", "that in [design]"),
+    type=click.FloatRange(0, min_open=True),
+)
+@option(
     "--compare earlier", "Compare what a design predicted, a .json file, with a fit of all data.", "FILE", type=PATH
 )
 @option("-o --output", "File for the design: .csv, .xlsx, .parquet, .mf4 or .json.", "FILE", type=PATH)
@@ -62,6 +66,7 @@ def design(
     names: tuple[str, ...],
     direction: int | None,
     use: tuple[str, ...],
+    max_seconds: float | None,
     earlier: Path | None,
     output: Path | None,
     as_json: bool,
@@ -73,7 +78,7 @@ def design(
     manoeuvres and the order of the bench.
     """
     if earlier is not None:
-        asked = (points, segments, reduce or None, keep, candidates, names, direction, use, output)
+        asked = (points, segments, reduce or None, keep, candidates, names, direction, use, max_seconds, output)
         if any(value not in (None, ()) for value in asked):
             raise InputError.of(Location("--compare"), "cannot be combined with a new design", "Run two commands.")
         return _compare(path, earlier, as_json, trust)
@@ -100,7 +105,9 @@ def design(
                     ended_fit = stopped if ended_fit is None else ended_fit
                     return stopped and not ended_fit
 
-                proposal = design_project(project, request, candidates, use, interrupt.watch(shown), watch=watch)
+                settings = {"max_seconds": max_seconds} if max_seconds is not None else {}
+                shown_fit = interrupt.watch(shown)
+                proposal = design_project(project, request, candidates, use, shown_fit, settings, watch)
         except KeyboardInterrupt:
             print_findings("Stopped before there was anything to write.")
             return INTERRUPTED

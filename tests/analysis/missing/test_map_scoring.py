@@ -5,7 +5,7 @@ import pytest
 
 from kennfeld.analysis.missing.candidate_sums import block_sums, family_sums
 from kennfeld.analysis.missing.channels import Channels
-from kennfeld.analysis.missing.families import HatAxis, ProductAxis, map_families, product_families
+from kennfeld.analysis.missing.families import HatAxis, HatPlaces, ProductAxis, map_families, product_families
 from kennfeld.analysis.missing.map_scoring import score_maps
 from kennfeld.analysis.missing.probes import Nodes, Probes, factor, offset
 from kennfeld.analysis.missing.refit import Addition
@@ -64,8 +64,9 @@ def test_the_gain_of_a_product_is_that_of_a_refit_with_its_column():
         smoothness={"C": 1.0},
     )
     assert score.gain == pytest.approx(result.cost_after - run(refit, EXACT).cost_after, rel=1e-8)
-    cells, shares = ProductAxis(Z, W).place({"z": np.array([-2.0, 2.0]), "w": np.array([1.0, 1.0])}, np.arange(2))
-    assert (cells.tolist(), shares.tolist()) == ([0, 0], [0.0, 1.0])
+    columns_of = {"z": np.array([-2.0, 2.0]), "w": np.array([1.0, 1.0])}
+    cells, shares = HatPlaces([ProductAxis(Z, W)]).locate(columns_of, np.arange(2))
+    assert (cells.tolist(), shares.tolist()) == ([[0], [0]], [[0.0], [1.0]])
 
 
 def test_lines_that_the_function_can_take_over_are_locked():

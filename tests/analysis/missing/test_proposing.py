@@ -233,3 +233,31 @@ def test_a_term_that_moves_the_function_far_is_predicted_as_it_is_fitted():
     assert (first.term.node, first.term.channel) == ("optimum", "c0")
     assert first.predicted == pytest.approx(first.rmse.after, rel=0.03)
     assert first.rmse.after < 0.4
+
+
+def test_samples_without_a_channel_are_no_improvement_by_it():
+    rng = np.random.default_rng(0)
+    x, z = rng.uniform(0, 1, (2, 600))
+    m = 2 * x + 0.2 * z + 0.1 * rng.normal(size=600)
+    m[100:124] += 3.0  # large errors where z is not known
+    z[100:124] = np.nan
+    start = {"k": 1.0, "c": 0.0}
+    proposals = kf.propose("y = k * x + c", {"x": x, "z": z, "m": m}, start, "m", kinds=["add"])
+    first = proposals[0]
+    known = np.isfinite(z)
+    fit = kf.calibrate("y = k * x + c", {"x": x[known], "m": m[known]}, start, "m")
+    assert first.rmse.before == pytest.approx(fit.quality[0].rmse_after, rel=1e-6)
+    assert first.held_out.before == pytest.approx(first.rmse.before, rel=0.02)
+    assert proposals.remarks[-1] == "z is missing in 4.0% of the samples; all errors with it are those of the others."
+
+
+def test_a_channel_that_a_recording_lacks_altogether_is_scored_without_it():
+    rng = np.random.default_rng(0)
+    data = [{name: rng.uniform(0, 1, 40 if part else 400) for name in "xz"} for part in range(2)]
+    for own in data:
+        own["m"] = 2 * own["x"] + np.sin(3 * own["z"]) + 0.1 * rng.normal(size=own["x"].size)
+    data[1]["z"][:20] = np.nan
+    data[1] = {name: values[:20] for name, values in data[1].items()}
+    proposals = kf.propose("y = k * x + c", data, {"k": 1.0, "c": 0.0}, "m", kinds=["add"])
+    assert proposals[0].term.channel == "z"
+    assert proposals[0].rmse.after < 0.11

@@ -275,3 +275,31 @@ def test_a_function_that_only_passes_an_address_back_is_refused_by_that_reason(t
     assert "line 6: bounded returns an address, that of its argument x, not a number; read the number behind it" in (
         _problems(text, tmp_path)
     )
+
+
+def test_a_function_that_is_not_c_does_not_cost_the_others(tmp_path):
+    source = """\
+#include "bus.h"
+#include <stdint.h>
+bus_error_t read_bus(bus_t *bus, port_t port, uint8_t *raw)
+{
+    BUS_LOG("reading %" PRIu8, port);
+    return BUS_OK;
+}
+static bus_error_t wait(bus_t *bus)
+{
+    UNTIL(bus->ready) { }
+    return BUS_OK;
+}
+double degrees(uint16_t raw) { return (UINT32_C(1) << 4) * raw / INT64_C(65536); }
+double waiting(double u, bus_t *bus) { wait(bus); return u; }
+"""
+    (tmp_path / "f.c").write_text(source)
+    model = as_model(read_function_file("f.c:degrees", tmp_path))
+    values = evaluate(model.graph, {"raw": np.array([4096.0, 8192.0])}, ParameterSet())["degrees"]
+    np.testing.assert_array_equal(values, [1, 2])
+    assert "line 10, column" in (problem := _problems(source, tmp_path, "wait"))
+    assert "not valid C" in problem
+    assert "whose members are not known" in _problems(source, tmp_path, "waiting")
+    # what else the text may define is not known
+    assert "line 1" in _problems("int a[ = {1};\n" + source, tmp_path, "degrees")

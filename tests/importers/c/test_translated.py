@@ -229,6 +229,44 @@ PROGRAMS = {
                    + fdim(u, 1)
                    + tanh(u) + log2(1 + u * u) + isnan(u) + M_PI * 0;
         }""",
+    "parts": """
+        #include <math.h>
+        double step(double u, int n, double *y) {
+            int low, high; double whole, s, c, v[4] = {u, 2, 3, n};
+            long double wide = 3.0L * u;
+            double rest = frexp(1e3 * u, &high) + frexp(1e-310 * u, &low) + modf(u, &whole);
+            sincos(u, &s, &c);
+            *y = high + 10 * low + 100 * whole + s + c + 2[v] + (n & 3)[v] + *(1 + v) + logb(u) + ilogb(u)
+                + signbit(u) + 3 * isgreater(u, n) + 7 * islessgreater(u, n) + isunordered(u, 0.0) + isnormal(u);
+            return rest + ldexp(u, n) + scalbln(1e-300 * u, 1030 + n) + ldexp(u * 1e-310, 4.9) + erf(u) + exp10(u / 9)
+                + fma(u, u, -u * u) * 1e16 + remainder(u, 1.7) + fabsl(wide) + sizeof(wide) + isnan(nan(""));
+        }""",
+    "choices of addresses": """
+        typedef struct { double gain, table[3]; } Values;
+        static const Values COLD = {1.5, {1, 2, 3}}, WARM = {2.5, {4, 5, 6}};
+        static const double LONG[5] = {1, 3, 9, 27, 81}, SHORT[2] = {-1, -2};
+        static double ends(const double x[3]) { return x[0] + x[2]; }
+        static void twice(double *x) { *x *= 2; }
+        double step(double u, int n, double *y) {
+            const Values *values = u > 0 ? &WARM : &COLD;
+            static double kept = 3;
+            kept += values->gain * u;
+            double a = u, b = 2 * u, *p;
+            if (n > 2) { p = &a; } else if (n > 0) { p = &b; *p += 1; } else { p = &kept; }
+            *p += 10;
+            for (int i = 0; i < 3; i++) {
+                const double *q = (i & 1) ? LONG : SHORT;
+                if (i == n) q = &LONG[2];
+                kept += *q;
+                if (kept > 20 * u) break;
+            }
+            p = &a;
+            *p -= 1;
+            *(u > 1 ? &kept : &b) = 7;
+            twice(n == 1 ? &a : &b);
+            *y = a + 100 * b + values->table[n & 1] + ends(u > 0 ? WARM.table : COLD.table);
+            return kept + (n > 1 ? LONG : SHORT)[n & 1];
+        }""",
     "memory": """
         #include <string.h>
         typedef struct { double x, y[3]; int k; } State;
@@ -313,3 +351,21 @@ def test_a_loop_without_a_known_end_is_followed_for_some_passes_with_a_remark(tm
     assert "followed for 50 passes" in remark.message
     columns = {"a": np.array([0.5, 49.25, 1e9]), "b": np.zeros(3)}
     np.testing.assert_array_equal(evaluate(as_model(function).graph, columns, ParameterSet())["f"], [0.5, 0.25, np.nan])
+
+
+@pytest.mark.parametrize(
+    "statements",
+    [
+        "for (p = &a; u > 0; p = &b) u -= *p;",
+        "for (int i = 0; i < 3; i++) { u += *p; p = &b; }",
+        "switch (n) { case 0: p = &a; break; case 1: u = *p; break; }",
+        "while (u > *p) { p = &b; u -= 1; }",
+    ],
+)
+def test_a_pointer_that_a_loop_or_switch_sets_is_refused_where_its_address_is_not_known(statements, tmp_path):
+    source = (
+        f"double step(double u, int n) {{\n    double a = 1, b = 2, *p = &a;\n    {statements}\n    return u;\n}}\n"
+    )
+    (tmp_path / "f.c").write_text(source)
+    with pytest.raises(InputError, match="the pointer p is set in a loop or switch and used elsewhere"):
+        read_function_file("f.c:step", tmp_path)

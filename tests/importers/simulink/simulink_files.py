@@ -563,8 +563,7 @@ def _content_xml(chart, holder=""):
         inside = _p("labelString", chart.states[name]) + "".join(_p(*pair) for pair in chart.keys(name).items())
         inside += f"<eml>{_p('isEML', 1)}{_p('script', code)}</eml>" if code else ""
         if name in chart.tables:
-            inside += f"<eml>{_p('isEML', 1)}</eml>" if chart.tables[name][2] else ""
-            inside += f"<truthTable>{''.join(_p(*pair) for pair in chart.truth_table(name).items())}</truthTable>"
+            inside += _table_xml(chart, name)
         below = _content_xml(chart, name)
         inside += f"<Children>{below}</Children>" if below else ""
         content.append(f'<state SSID="{ids[name]}">{inside}</state>')
@@ -593,6 +592,20 @@ def _content_xml(chart, holder=""):
             keys = _p("name", name) + _p("scope", scope) + _p("trigger", trigger)
             content.append(f'<event SSID="{300 + at}">{keys}</event>')
     return "".join(content)
+
+
+def _table_xml(chart, name):
+    """A truth table; that of a Truth Table block as R2020b writes it, else in the older layout."""
+    rows, actions, is_matlab = chart.tables[name]
+    if chart.settings.get("type") != "TRUTHTABLE_CHART":
+        keys = "".join(_p(*pair) for pair in chart.truth_table(name).items())
+        return (f"<eml>{_p('isEML', 1)}</eml>" if is_matlab else "") + f"<truthTable>{keys}</truthTable>"
+    arrays = ""
+    for key, array in (("predicateArray", rows), ("actionArray", actions)):
+        texts = [text for column in zip(*array, strict=True) for text in column]
+        cells = "".join(f'<Cell Class="char">{escape(text)}</Cell>' for text in texts)
+        arrays += f'<Array PropName="{key}" Type="Cell" Dimension="{len(array)}*{len(array[0])}">{cells}</Array>'
+    return f"<truthTable>{_p('isTruthTable', 1)}{_p('useEML', int(is_matlab))}{arrays}</truthTable>"
 
 
 def _quoted(text):

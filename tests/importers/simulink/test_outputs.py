@@ -38,9 +38,10 @@ def test_without_outports_the_signals_of_scopes_and_displays_are_the_outputs(tmp
     np.testing.assert_array_equal(outputs["Thrice"], 3 * U)
 
 
-def test_recorded_signals_come_before_displayed_ones(tmp_path):
+@pytest.mark.parametrize("kind", ["ToWorkspace", "SignalToWorkspace"])
+def test_recorded_signals_come_before_displayed_ones(kind, tmp_path):
     drawn = doubled()
-    drawn.block("ToWorkspace", "W", ports=(1, 0), VariableName="kept")
+    drawn.block(kind, "W", ports=(1, 0), VariableName="kept")
     drawn.line("In", "W")
     assert imported(drawn, tmp_path).graph.outputs == ("kept",)
 

@@ -233,10 +233,23 @@ def test_counting_down_stops_at_0(tmp_path):
     for kind, rule in (
         ("Increment Real World", U + 1),
         ("Decrement Real World", U - 1),
+        ("Stored Integer Value Increment", U + 1),
+        ("Stored Integer Value Decrement", U - 1),
         ("Decrement To Zero", np.maximum(U - 1, 0)),
         ("Decrement Time To Zero", np.maximum(U - 0.1, 0)),
     ):
         np.testing.assert_allclose(linked(kind, tmp_path, [U])["y1"], rule, atol=1e-15)
+
+
+@pytest.mark.parametrize(("kind", "step"), [("fixdt(1,16,2)", 0.25), ("int8", 1.0), ("single", 1.0)])
+def test_a_stored_integer_counts_up_by_the_step_of_its_type(kind, step, tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.block("DataTypeConversion", "C", OutDataTypeStr=kind)
+    drawn.block("Reference", "R", SourceType="Stored Integer Value Increment", SourceBlock="simulink/Increment")
+    drawn.outport("y")
+    drawn.chain("u", "C", "R", "y")
+    np.testing.assert_allclose(run(imported(drawn, tmp_path), {"u": U})["y"], U + step)
 
 
 @pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx inline"]))

@@ -42,7 +42,9 @@ def test_a_chirp_is_that_of_scipy(tmp_path):
 def test_a_generator_makes_sine_waves(units, factor, tmp_path):
     output = source("SignalGenerator", tmp_path, Amplitude="2", Frequency="0.7", Units=units)
     np.testing.assert_allclose(output, 2 * np.sin(0.7 * factor * TIME), atol=1e-12)
-    with pytest.raises(InputError, match=r"its wave form 'random' is not supported, only sine and square\. Bind it to"):
+    with pytest.raises(
+        InputError, match=r"its wave form 'random' is not supported, only sine, square and sawtooth\. Bind it to"
+    ):
         source("SignalGenerator", tmp_path, WaveForm="random")
 
 
@@ -58,6 +60,61 @@ def test_a_sequence_repeats_its_lines(layout, tmp_path):
 def test_a_sequence_may_jump(tmp_path):
     output = source("Reference", tmp_path, special="Repeating table", rep_seq_t="[0 1 1 2]", rep_seq_y="[0 0 5 5]")
     np.testing.assert_array_equal(output, np.where(np.mod(np.arange(COUNT), 20) < 10, 0, 5))
+
+
+SEQUENCE = {"special": "Repeating Sequence Interpolated", "OutValues": "[1 3 0 2]", "TimeValues": "[0 0.4 1 1.2]"}
+
+
+def sequence_times(sample):
+    """Simulink's generated code counts from 0 to the last time over the sample time, and then from 0 again."""
+    hits = np.floor(TIME / sample + 1e-6) % (round(1.2 / sample) + 1)
+    return hits * sample
+
+
+@pytest.mark.parametrize("sample", [0.1, 0.2, 0.3])
+def test_an_interpolated_sequence_ends_with_its_last_value(sample, tmp_path):
+    output = source("Reference", tmp_path, **SEQUENCE, tsamp=str(sample))
+    np.testing.assert_allclose(output, np.interp(sequence_times(sample), [0, 0.4, 1, 1.2], [1, 3, 0, 2]), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("method", "choose"),
+    [
+        ("Use Input Below", lambda t: np.searchsorted([0.4, 1, 1.2], t, "right")),
+        ("Use Input Above", lambda t: np.searchsorted([0, 0.4, 1], t, "left")),
+        ("Use Input Nearest", lambda t: np.searchsorted([0.2, 0.7, 1.1], t, "right")),
+    ],
+)
+def test_an_interpolated_sequence_may_keep_its_values(method, choose, tmp_path):
+    fine = Model(step="0.05", solver="FixedStepDiscrete")
+    drawn = alone("Reference", 0, **SEQUENCE, tsamp="0.15", LookUpMeth=method, model=fine)
+    output = run(imported(drawn, tmp_path), samples=COUNT)["y1"]
+    times = np.floor(0.05 * np.arange(COUNT) / 0.15 + 1e-6) % 9 * 0.15
+    np.testing.assert_array_equal(output, np.array([1, 3, 0, 2])[np.clip(choose(times), 0, 3)])
+
+
+def test_an_interpolated_sequence_of_a_variable_is_calibrated(tmp_path):
+    drawn = alone("Reference", 0, **SEQUENCE | {"OutValues": "Wave"}, tsamp="0.1")
+    model = imported(drawn, tmp_path, parameters=[{"Wave": [1.0, 3.0, 0.0, 2.0]}])
+    assert model.values["Wave"].axes[0].breakpoints.tolist() == [0, 0.4, 1, 1.2]
+    exact, differences = slopes(model, {"unused": TIME[:6]}, "Wave", "y1")
+    assert exact[-1].tolist() == pytest.approx([0, 5 / 6, 1 / 6, 0])
+    np.testing.assert_allclose(exact, differences, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"tsamp": "0.5"}, r"its last time, 1\.2 s, must be a multiple of its sample time, 0\.5 s\. Change tsamp"),
+        ({"TimeValues": "[0 1 1 1.2]"}, "its TimeValues: .* increas"),
+        ({"TimeValues": "[0 1]"}, "OutValues"),
+        ({"tsamp": "[0.1 0.05]"}, "its tsamp must be scalar"),
+        ({"tsamp": "-1", "TimeValues": "[0 1 1.1 1.25]"}, "must be a multiple of its sample time, 0.1 s"),
+    ],
+)
+def test_an_interpolated_sequence_that_cannot_be_run_is_refused(fields, message, tmp_path):
+    with pytest.raises(InputError, match=message):
+        source("Reference", tmp_path, **SEQUENCE | {"tsamp": "0.1"} | fields)
 
 
 POINTS = "[0 1; 1 3; 1 -2; 3 4]"
@@ -158,10 +215,10 @@ def test_a_variable_step_hits_the_edges_of_pulses(width, step, tmp_path):
 
 
 @pytest.mark.parametrize("units", ["Hertz", "rad/sec"])
-def test_a_signal_generator_makes_sines_and_squares(units, tmp_path):
+def test_a_signal_generator_makes_sines_squares_and_sawteeth(units, tmp_path):
     drawn = Model(step="0.01", solver="FixedStepDiscrete")
     scale = 1.0 if units == "Hertz" else 2 * np.pi
-    for form in ("sine", "square"):
+    for form in ("sine", "square", "sawtooth"):
         drawn.block("SignalGenerator", form, ports=(0, 1), WaveForm=form, Amplitude="A", Frequency=str(3.1 * scale),
                     Units=units)  # fmt: skip
         drawn.outport(f"y {form}")
@@ -170,5 +227,6 @@ def test_a_signal_generator_makes_sines_and_squares(units, tmp_path):
     outputs, turns = run(model, samples=200), 3.1 * 0.01 * np.arange(200)
     np.testing.assert_allclose(outputs["y sine"], 2.5 * np.sin(2 * np.pi * turns), atol=1e-12)
     np.testing.assert_array_equal(outputs["y square"], np.where(turns % 1 >= 0.5, 2.5, -2.5))
+    np.testing.assert_allclose(outputs["y sawtooth"], 2.5 * (1 - 2 * (turns % 1)), atol=1e-12)
     exact, differences = slopes(model, {"t": 0.01 * np.arange(200)}, "A", "y square")
     np.testing.assert_allclose(exact, differences, atol=1e-8)

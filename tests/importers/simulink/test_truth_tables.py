@@ -78,15 +78,19 @@ def test_the_flow_chart_that_is_stored_beside_a_table_is_not_used(tmp_path):
     np.testing.assert_array_equal(outputs["y_out"][1:], np.where(U > 0, 1, 2)[1:])
 
 
-def test_a_truth_table_block_reads_and_sets_its_ports(tmp_path):
+@pytest.mark.parametrize("kind", ["TRUTH_TABLE_CHART", "TRUTHTABLE_CHART"])
+def test_a_truth_table_block_reads_and_sets_its_ports(kind, tmp_path):
+    # newer files store the call, and the texts as cells
+    is_stored = kind == "TRUTHTABLE_CHART"
     chart = Chart(
-        {"t": "tt_blk_kernel()"},
-        [],
+        {"t": "tt_blk_kernel" if is_stored else "tt_blk_kernel()"},
+        [("", "J", "{tt_blk_kernel();}")] if is_stored else [],
         SHARED,
         functions={"t": ""},
-        settings={"type": "TRUTH_TABLE_CHART"},
+        settings={"type": kind},
         tables={"t": (RULES, ACTIONS["MATLAB"], True)},
     )
+    chart.junctions = ("J",) if is_stored else ()
     outputs = run(imported(drawn_chart(chart, "uv", "yn"), tmp_path), {"u": U, "v": V})
     y, n = expected(U, V)
     np.testing.assert_allclose(outputs["y_out"], y)

@@ -79,7 +79,8 @@ def test_a_pin_and_a_sum_between_steps_hold_as_far_as_storage_allows_and_say_so(
     assert abs(fitted[2, 2] + fitted[3, 2] - 233.0) <= 2.5
     warnings = " ".join(map(str, result.warnings))
     assert "pin of M at x = 1000, y = 10 is 15 instead of 13, the nearest that storage allows" in warnings
-    assert "instead of 233, the nearest that storage allows" in warnings
+    # other storable values may be closer, which the errors outweigh
+    assert "instead of 233, as close as half a step of one of its values" in warnings
 
 
 def test_limits_that_no_storable_values_keep_leave_the_values_of_their_group_as_fitted():

@@ -36,16 +36,23 @@ export function drawCells(
   return (i, j) => ({ left: x(i), right: x(i + 1), top: y(j + 1), bottom: y(j) });
 }
 
-/** Draw a map with the ends of its axes. */
+/** The cell of a box at a pixel, as `drawCells` draws them; null beside it. */
+export function cellIn(box: Box, nx: number, ny: number, x: number, y: number): [number, number] | null {
+  const i = Math.floor(((x - box.left) / (box.right - box.left)) * nx);
+  const j = Math.floor(((box.bottom - y) / (box.bottom - box.top)) * ny);
+  return i >= 0 && j >= 0 && i < nx && j < ny ? [i, j] : null;
+}
+
+/** Draw a map with the ends of its axes; returns which cell is at a pixel. */
 export function drawGrid(
   pen: Pen,
   width: number,
   height: number,
   grid: Grid,
   marks: (i: number, j: number) => "hatch" | "frame" | "" = () => "",
-): void {
+): (x: number, y: number) => [number, number] | null {
   const [nx, ny] = [grid.values.length, grid.values[0]?.length ?? 0];
-  if (!nx || !ny) return;
+  if (!nx || !ny) return () => null;
   const box = { left: 40, right: width - 12, top: 6, bottom: height - 20 };
   const [low, high] = grid.range ?? extent(grid.values.flat());
   const reach = Math.max(Math.abs(low), Math.abs(high)) || 1;
@@ -69,6 +76,7 @@ export function drawGrid(
     }
   }
   labelEnds(pen, box, grid);
+  return (x, y) => cellIn(box, nx, ny, x, y);
 }
 
 function labelEnds(pen: Pen, box: Box, { x, y }: Grid): void {

@@ -56,7 +56,7 @@ export function hatchPoints(pen: Pen, box: Box, xs: readonly number[], empty: re
   hatch(pen);
 }
 
-/** Draw curves over one axis: the earlier in grey, the later in blue with its points. */
+/** Draw curves over one axis: the earlier in grey, the later in blue with its points. Returns the plot area. */
 export function drawCurves(
   pen: Pen,
   width: number,
@@ -64,7 +64,7 @@ export function drawCurves(
   x: readonly number[],
   before: number[],
   now: number[],
-): void {
+): Area {
   const box = { left: 40, right: width - 12, top: 6, bottom: height - 20 };
   const points =
     x.length === now.length
@@ -77,4 +77,5 @@ export function drawCurves(
     line(pen, xs, now.map(plot.y), token("model"), 1.5);
     dots(pen, xs, now.map(plot.y), token("model"), 2.2);
   });
+  return plot;
 }

@@ -1,7 +1,7 @@
 // A form for one section or entry of the project file: a line a key, those that are set first.
 
 import { useSignal } from "@preact/signals";
-import { useEffect, useMemo, useRef } from "preact/hooks";
+import { useEffect, useLayoutEffect, useMemo, useRef } from "preact/hooks";
 import { tooltip } from "../fields";
 import { wanted } from "../navigation";
 import type { FindingRow, KeyRow, Path, Toml } from "../replies";
@@ -48,7 +48,7 @@ export function EntryForm({ path, skip = [], main = [], directions, draft }: For
   const rest = all.filter((key) => !set.includes(key.name));
   const isOpen = whole.value || upper.length === 0 || draft !== undefined;
   const [name, key] = wanted.value.split(".");
-  useEffect(() => {
+  useLayoutEffect(() => {
     if (name !== section || !all.some((each) => each.name === key)) return;
     if (!isOpen && rest.some((each) => each.name === key)) whole.value = true;
     else if (focusSetting(host.current, wanted.value)) wanted.value = "";
@@ -224,7 +224,7 @@ export function TableForm({ section }: { section: string }) {
     };
   }, []);
   const isWanted = wanted.value === section;
-  useEffect(() => {
+  useLayoutEffect(() => {
     if (isWanted && focusSetting(host.current, section)) wanted.value = "";
   });
   if (known === undefined) return null;

@@ -2,7 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
-import { useEffect, useRef } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { Icon } from "../icons";
 import { LineInput } from "../inputs";
 import { openEntry, opened, wanted } from "../navigation";
@@ -40,7 +40,7 @@ export function EntryList({ section, noun, empty, title, sub, ordered, oneOf = [
     .map((key) => key.name);
   const isWanted = wanted.value.startsWith(`${section}.`);
   const host = useRef<HTMLDivElement>(null);
-  useEffect(() => {
+  useLayoutEffect(() => {
     if (!isWanted || entries.length > 0 || draft.value !== null) return;
     if (!isNamed) draft.value = {};
     else {
@@ -60,7 +60,7 @@ export function EntryList({ section, noun, empty, title, sub, ordered, oneOf = [
       if (!taken) sent.value = 0;
     });
   };
-  // the draft stays, with the cursor in it, until the entry is there to take its place
+  // the draft stays until the entry is there to take its place, and Tab has moved the cursor within it
   useEffect(() => {
     if (sent.value === 0 || entries.length < sent.value) return;
     const field = document.activeElement?.closest<HTMLElement>("[data-key]");

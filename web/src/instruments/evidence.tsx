@@ -5,7 +5,9 @@ import { newest } from "../connection";
 import { area, extent, line, type Pen, widened } from "../drawing/canvas";
 import { token } from "../drawing/colours";
 import { ring } from "../drawing/marks";
-import { count, plain, signed, significant, withUnit } from "../drawing/numbers";
+import { count, plain, signed, significant, unitText, withUnit } from "../drawing/numbers";
+import { lastUpTo } from "../drawing/strips";
+import { nearestPixel, type Read } from "../hover-tip";
 import { brush, criterion, criterionNumber, showDataset, stretch } from "../plots";
 import type { EditedTable, InformingRow } from "../replies";
 import { scoped } from "../scope";
@@ -340,9 +342,9 @@ function showInPlots(part: InformingRow): void {
 }
 
 /** The samples around the point: where they look a map up; of a curve, with what weight they do. */
-function drawNear(pen: Pen, width: number, height: number): void {
+function drawNear(pen: Pen, width: number, height: number): Read | undefined {
   const [own, data] = [table.value, evidence.value];
-  if (own === null || data === null || own.axes.length === 0 || data.name !== own.name) return;
+  if (own === null || data === null || own.axes.length === 0 || data.name !== own.name) return undefined;
   const curve = own.axes.length === 1;
   const around = (axis: 0 | 1) => {
     const points = own.axes[axis]!.points;
@@ -353,10 +355,10 @@ function drawNear(pen: Pen, width: number, height: number): void {
   const plot = area(pen, box, around(0), curve ? [0, 1.1] : around(1), {
     title: withUnit(own.axes[0]!.input, own.axes[0]!.unit) + (curve ? ", weight" : ""),
   });
+  const [xs, ys] = [data.x, curve ? data.weight : data.y].map((values, k) =>
+    Float64Array.from(values, k ? plot.y : plot.x),
+  ) as [Float64Array, Float64Array];
   plot.clip(() => {
-    const [xs, ys] = [data.x, curve ? data.weight : data.y].map((values, k) =>
-      Float64Array.from(values, k ? plot.y : plot.x),
-    ) as [Float64Array, Float64Array];
     pen.fillStyle = token("before");
     for (let k = 0; k < xs.length; k++) if (!(data.weight[k]! > 0)) pen.fillRect(xs[k]! - 0.9, ys[k]! - 0.9, 1.8, 1.8);
     pen.fillStyle = token("lit");
@@ -374,12 +376,22 @@ function drawNear(pen: Pen, width: number, height: number): void {
       2,
     );
   });
+  return (x, y) => {
+    const k = nearestPixel(xs, ys, [x, y], 8);
+    if (k < 0) return null;
+    const [along, across] = own.axes;
+    return [
+      `weight ${significant(data.weight[k]!, 3)}`,
+      `${along!.input} ${significant(data.x[k]!)} ${unitText(along!.unit)}`,
+      ...(across ? [`${across.input} ${significant(data.y[k]!)} ${unitText(across.unit)}`] : []),
+    ];
+  };
 }
 
-function drawStretch(pen: Pen, width: number, height: number): void {
+function drawStretch(pen: Pen, width: number, height: number): Read | undefined {
   const data = strip.value;
   const ends = shownPart.value?.stretches[shownStretch.value];
-  if (data === null || ends === undefined || data.x.length === 0) return;
+  if (data === null || ends === undefined || data.x.length === 0) return undefined;
   const box = { left: 40, right: width - 12, top: 8, bottom: height - 36 };
   const xs = Float64Array.from(data.x, (x) => x + data.begin);
   const plot = area(pen, box, extent(xs), widened(extent(data.measured, data.now), 0.06), {
@@ -394,4 +406,12 @@ function drawStretch(pen: Pen, width: number, height: number): void {
     line(pen, at, Float64Array.from(data.measured, plot.y), token("measured"), 1.25);
     line(pen, at, Float64Array.from(data.now, plot.y), token("model"), 1.25);
   });
+  return (x) => {
+    const k = lastUpTo(xs, plot.xAt(x));
+    return [
+      `now ${significant(data.now[k]!)}`,
+      `measured ${significant(data.measured[k]!)}`,
+      settled.value.datasets[shownPart.value!.number]?.timed ? `at ${plain(xs[k]!, 7)} s` : `point ${plain(xs[k]!, 7)}`,
+    ];
+  };
 }

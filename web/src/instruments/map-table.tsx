@@ -2,7 +2,7 @@
 
 import { signal, useSignal } from "@preact/signals";
 import { Component } from "preact";
-import { useEffect, useRef } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { copyAs } from "../copying";
 import { extent } from "../drawing/canvas";
 import { cellColours } from "../drawing/colours";
@@ -98,7 +98,7 @@ export function MapTable({ own }: { own: EditedTable }) {
     }
   };
 
-  useEffect(() => copyAs(body.current!, () => exactRows(own)), [own]);
+  useLayoutEffect(() => copyAs(body.current!, () => exactRows(own)), [own]);
 
   const apply = (edit: Edit) => applyEdit(own, edit);
 
@@ -315,7 +315,8 @@ function cellClass(
     .join(" ");
 }
 
-function cellTitle(own: EditedTable, at: number): string {
+/** What is known of a value, line by line. */
+export function cellTitle(own: EditedTable, at: number): string {
   const deviation = own.deviation?.[at];
   return [
     `${significant(own.values[at]!, 6)} ${own.unit}`,

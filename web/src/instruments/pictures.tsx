@@ -2,8 +2,9 @@
 
 import { extent, type Pen } from "../drawing/canvas";
 import { drawGrid } from "../drawing/grid";
-import { MISSING, signed, significant } from "../drawing/numbers";
+import { MISSING, plain, signed, significant, unitText } from "../drawing/numbers";
 import { drawCurves } from "../drawing/slices";
+import { nearestTo, type Read } from "../hover-tip";
 import type { AxisPoints } from "../replies";
 import { Picture } from "./picture";
 
@@ -28,6 +29,7 @@ export function Pictures({ axes, first, second, unit, titles, bound = [], hatche
         unit={unit}
         values={second}
         before={first}
+        other={titles[0]}
         range={range}
         framed={bound}
         hatched={hatched}
@@ -50,6 +52,7 @@ interface ColumnProps {
   unit: string;
   values: number[];
   before?: number[];
+  other?: string; // what those are
   range?: readonly [number, number];
   framed?: number[];
   hatched?: Set<number> | undefined;
@@ -62,15 +65,20 @@ export function Column({
   unit,
   values,
   before,
+  other = "before",
   range,
   framed = [],
   hatched,
   difference = false,
 }: ColumnProps) {
   const [low, high] = extent(values);
-  const draw = (pen: Pen, width: number, height: number) => {
-    if (axes.length === 2)
-      drawGrid(
+  const text = (k: number): string[] => [
+    `${difference ? signed(values[k]!) : significant(values[k]!)} ${unitText(unit)}`,
+    ...(before ? [`${other} ${significant(before[k]!)}`] : []),
+  ];
+  const draw = (pen: Pen, width: number, height: number): Read | undefined => {
+    if (axes.length === 2) {
+      const at = drawGrid(
         pen,
         width,
         height,
@@ -86,8 +94,19 @@ export function Column({
           return hatched?.has(cell) ? "hatch" : framed.includes(cell) ? "frame" : "";
         },
       );
-    else if (axes.length === 1)
-      drawCurves(pen, width, height, axes[0]!.points, difference ? values.map(() => 0) : (before ?? values), values);
+      return (x, y) => {
+        const cell = at(x, y);
+        if (cell === null) return null;
+        return [...text(cell[0] * axes[1]!.points.length + cell[1]), placeText(axes, cell)];
+      };
+    }
+    if (axes.length !== 1) return undefined;
+    const grey = difference ? values.map(() => 0) : (before ?? values);
+    const plot = drawCurves(pen, width, height, axes[0]!.points, grey, values);
+    return (x) => {
+      const k = nearestTo(axes[0]!.points, plot.xAt(x));
+      return k < 0 ? null : [...text(k), placeText(axes, [k])];
+    };
   };
   return (
     <div class="tc">
@@ -106,6 +125,10 @@ export function Column({
     </div>
   );
 }
+
+/** A grid point in words: `Speed 3000 rpm, Load 40 %`. */
+export const placeText = (axes: readonly AxisPoints[], at: readonly number[]): string =>
+  axes.map((axis, k) => `${axis.input} ${plain(axis.points[at[k]!]!, 5)} ${unitText(axis.unit)}`.trim()).join(", ");
 
 const ends = (axis: AxisPoints): [number, number] => [axis.points[0]!, axis.points[axis.points.length - 1]!];
 

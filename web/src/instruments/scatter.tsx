@@ -4,10 +4,13 @@ import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { type Area, area, canvasIn, extent, line, type Pen, type Range, widened } from "../drawing/canvas";
 import { token } from "../drawing/colours";
 import { ring } from "../drawing/marks";
+import { plain, significant, unitText } from "../drawing/numbers";
+import { tipOn } from "../hover-tip";
 import { sample } from "../plot-data";
-import { type Brush, brush, cursor, keyOf, part } from "../plots";
+import { type Brush, brush, cursor, dataset, keyOf, part } from "../plots";
 import type { SignalName, SignalRange } from "../replies";
 import { theme } from "../store";
+import { nameOf, unitOf } from "../strip-rows";
 
 export interface Cloud {
   y: Float32Array;
@@ -69,6 +72,10 @@ export function brushing(canvas: HTMLCanvasElement, placeAt: (x: number, y: numb
     return Math.hypot(to.x - from!.x, to.y - from!.y) > 3;
   };
   canvas.style.cursor = "crosshair";
+  tipOn(canvas, (x, y) => {
+    const place = placeAt(x, y);
+    return place === null ? null : sampleTip(place, nearestSample(place, x, y, 8));
+  });
   canvas.onpointerdown = (event) => {
     const { x, y } = at(event);
     const place = placeAt(x, y);
@@ -115,14 +122,35 @@ export function rangeOf(
   return { signal, least: Number(a.toFixed(places)), greatest: Number(b.toFixed(places)) };
 }
 
-function pick({ plot, props }: Place, x: number, y: number): void {
+/** The number of the sample that is nearest to a pixel, not farther than `reach`; -1 if there is none. */
+function nearestSample({ plot, props }: Place, x: number, y: number, reach: number): number {
   const ys = props.clouds.at(-1)?.y ?? new Float32Array();
-  let [best, nearest] = [20 ** 2, -1];
+  const [x0, y0] = [plot.x(0), plot.y(0)];
+  const [dx, dy] = [plot.x(1) - x0, plot.y(1) - y0];
+  let [best, nearest] = [reach ** 2, -1];
   for (let k = 0; k < ys.length; k++) {
-    const distance = (plot.x(props.x[k]!) - x) ** 2 + (plot.y(ys[k]!) - y) ** 2;
+    const distance = (x0 + props.x[k]! * dx - x) ** 2 + (y0 + ys[k]! * dy - y) ** 2;
     if (distance < best) [best, nearest] = [distance, k];
   }
+  return nearest;
+}
+
+/** The values of a sample. */
+function sampleTip({ props }: Place, k: number): string[] | null {
+  if (k < 0) return null;
+  const ys = props.clouds.at(-1)!.y;
+  const position = plain(props.begin + props.position[k]!, 7);
+  return [
+    `${nameOf(props.signals[1])} ${significant(ys[k]!)} ${unitText(unitOf(props.signals[1]))}`.trim(),
+    `${nameOf(props.signals[0])} ${significant(props.x[k]!)} ${unitText(unitOf(props.signals[0]))}`.trim(),
+    `${dataset.value?.name ?? ""} ${dataset.value?.timed ? `at ${position} s` : `point ${position}`}`.trim(),
+  ];
+}
+
+function pick(place: Place, x: number, y: number): void {
+  const nearest = nearestSample(place, x, y, 20);
   if (nearest < 0) return;
+  const { props } = place;
   cursor.value = props.begin + props.position[nearest]!;
   part.value = "sample";
 }

@@ -4,10 +4,12 @@ import { useLayoutEffect, useRef } from "preact/hooks";
 import { type Area, canvasIn, type Range } from "../drawing/canvas";
 import { plain, withUnit } from "../drawing/numbers";
 import { drawSlice, type SliceData } from "../drawing/slices";
+import { tipOn } from "../hover-tip";
 import type { EditedTable } from "../replies";
 import { endDrag, selection, setValues, theme } from "../store";
 import { placesOf } from "./coverage";
 import { shownMarks } from "./map-table";
+import { valueTip } from "./surface";
 import { cellAt } from "./table-cells";
 import { describeCells } from "./table-edits";
 
@@ -93,7 +95,14 @@ export function Slice({ own, axis }: { own: EditedTable; axis: 0 | 1 }) {
       endDrag();
       again();
     };
-    return close;
+    const silence = tipOn(canvas, (x, y) => {
+      const index = plot === null ? null : nearest(plot, latest.current, axis, { offsetX: x, offsetY: y });
+      return valueTip(latest.current, index === null ? null : along(latest.current, axis)[index]!);
+    });
+    return () => {
+      silence();
+      close();
+    };
   }, [axis]);
 
   useLayoutEffect(() => redraw.current(), [own, selection.value, theme.value, placesOf(own), shownMarks.value]);
@@ -101,7 +110,12 @@ export function Slice({ own, axis }: { own: EditedTable; axis: 0 | 1 }) {
 }
 
 /** The number of the point under the pointer. */
-function nearest(plot: Area | null, own: EditedTable, axis: 0 | 1, event: PointerEvent): number | null {
+function nearest(
+  plot: Area | null,
+  own: EditedTable,
+  axis: 0 | 1,
+  event: Pick<PointerEvent, "offsetX" | "offsetY">,
+): number | null {
   if (plot === null) return null;
   let [best, index]: [number, number | null] = [16, null];
   along(own, axis).forEach((cell, k) => {

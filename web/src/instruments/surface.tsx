@@ -5,10 +5,12 @@ import { canvasIn, type Range } from "../drawing/canvas";
 import { token } from "../drawing/colours";
 import { plain, signed, significant } from "../drawing/numbers";
 import { Surface as Drawing, type SurfaceMap } from "../drawing/surface";
+import { tipOn } from "../hover-tip";
 import type { EditedTable } from "../replies";
 import { endDrag, referenceName, selection, setValues, theme } from "../store";
 import { coverOf, placesOf } from "./coverage";
-import { shownMarks } from "./map-table";
+import { cellTitle, shownMarks } from "./map-table";
+import { placeText } from "./pictures";
 import { cellAt, size } from "./table-cells";
 import { describeCells } from "./table-edits";
 
@@ -101,7 +103,11 @@ export function Surface({ own }: { own: EditedTable }) {
       drawing.camera.reset();
       again();
     };
-    return close;
+    const silence = tipOn(canvas, (x, y) => valueTip(latest.current, drawing.nearest(x, y, 14)));
+    return () => {
+      silence();
+      close();
+    };
   }, []);
 
   useLayoutEffect(
@@ -114,6 +120,13 @@ export function Surface({ own }: { own: EditedTable }) {
       <Readout own={own} />
     </div>
   );
+}
+
+/** What is known of a grid point that is under the mouse. */
+export function valueTip(own: EditedTable, cell: number | null): string[] | null {
+  if (cell === null) return null;
+  const ny = size(own)[1];
+  return [...cellTitle(own, cell).split("\n"), placeText(own.axes, [Math.floor(cell / ny), cell % ny])];
 }
 
 /** Make a grid point the active one; a selection that it is in stays. */

@@ -10,7 +10,7 @@ import { newest } from "../connection";
 import { jump } from "../jump";
 import type { FindingRow } from "../replies";
 import { settings } from "../settings";
-import { request, state } from "../store";
+import { beforeCommands, request, state } from "../store";
 import { completions } from "./completions";
 import { split } from "./error-split";
 import { formulaHighlighting } from "./formula-highlighting";
@@ -20,6 +20,8 @@ import { spellings } from "./spellings";
 const sendText = newest(async ({ file, text }: { file: string; text: string }) => {
   await request("set-text", { file, text, title: `Edited ${file || "the project file"}`, drag: `typing ${file}` });
 });
+
+beforeCommands(sendText.flush);
 
 const isNumbered = (text: string): boolean => /^\s*1\s+\S/.test(text);
 

@@ -9,6 +9,7 @@ import { rules } from "../drawing/marks";
 import { count, MISSING, significant, unitText } from "../drawing/numbers";
 import { drawCurves } from "../drawing/slices";
 import { Footer, Key } from "../frame";
+import type { Read } from "../hover-tip";
 import { Icon } from "../icons";
 import { FindingLine } from "../instruments/finding";
 import { Picture } from "../instruments/picture";
@@ -278,7 +279,7 @@ function drawStages(pen: Pen, plot: Area, width: number): void {
 }
 
 /** Logarithmic: an iteration at the start changes more than a thousand at the end. */
-function drawCourse(pen: Pen, width: number, height: number): void {
+function drawCourse(pen: Pen, width: number, height: number): Read | undefined {
   const lines = progress.value.starts.map(
     (row) => progress.value.lines[`${quantity.value} ${row.start}`] ?? new Float32Array(),
   );
@@ -286,7 +287,7 @@ function drawCourse(pen: Pen, width: number, height: number): void {
     Math.min(...lines.flatMap((l) => [...l].filter((v) => v > 0))),
     Math.max(...lines.flatMap((l) => [...l].filter(Number.isFinite))),
   ];
-  if (!(high > 0 && low > 0)) return;
+  if (!(high > 0 && low > 0)) return undefined;
   const box = { left: 56, right: width - 60, top: 10, bottom: height - 36 };
   const edge = (high / low) ** 0.03 * 1.002;
   const most = Math.max(2, ...lines.map((l) => l.length));
@@ -314,12 +315,40 @@ function drawCourse(pen: Pen, width: number, height: number): void {
       plot.y(values[values.length - 1]!) - 3,
     );
   });
+  return (x) => {
+    const iteration = Math.round(plot.xAt(x));
+    const known = lines.map((values, k) => [progress.value.starts[k]!.start, values[iteration - 1]] as const);
+    const told = known.filter((each) => each[1] !== undefined);
+    if (told.length === 0) return null;
+    const name = state.value.job.validates ? "fold" : "start";
+    return [
+      `iteration ${iteration}`,
+      ...told
+        .slice(0, 8)
+        .map(([start, value]) => `${lines.length > 1 ? `${name} ${start}` : quantityName()} ${significant(value!)}`),
+    ];
+  };
 }
 
+const quantityName = (): string => (quantity.value === "rmse" ? "RMSE" : "cost");
+
 function SmallTable({ own }: { own: CoarseTable }) {
-  const draw = (pen: Pen, width: number, height: number) => {
-    if (own.ends.length === 2) drawGrid(pen, width, height, { x: own.ends[0]!, y: own.ends[1]!, values: own.values });
-    else if (own.ends.length === 1) drawCurves(pen, width, height, own.ends[0]!, own.start.flat(), own.values.flat());
+  const draw = (pen: Pen, width: number, height: number): Read | undefined => {
+    const unit = unitText(own.unit);
+    if (own.ends.length === 2) {
+      const at = drawGrid(pen, width, height, { x: own.ends[0]!, y: own.ends[1]!, values: own.values });
+      return (x, y) => {
+        const cell = at(x, y);
+        return cell === null ? null : [`${significant(own.values[cell[0]]![cell[1]]!)} ${unit}`];
+      };
+    }
+    if (own.ends.length !== 1) return undefined;
+    const [start, now] = [own.start.flat(), own.values.flat()];
+    const { box } = drawCurves(pen, width, height, own.ends[0]!, start, now);
+    return (x) => {
+      const k = Math.round(((x - box.left) / (box.right - box.left)) * (now.length - 1));
+      return now[k] === undefined ? null : [`${significant(now[k])} ${unit}`, `start ${significant(start[k]!)}`];
+    };
   };
   return (
     <div class="mm">

@@ -2,7 +2,7 @@
 // selection.
 
 import { computed, effect, signal } from "@preact/signals";
-import { useEffect } from "preact/hooks";
+import { useLayoutEffect } from "preact/hooks";
 import { fixed } from "../drawing/numbers";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
@@ -55,7 +55,7 @@ effect(() => {
 });
 
 export function Plots() {
-  useEffect(() => {
+  useLayoutEffect(() => {
     addEventListener("keydown", key);
     return () => removeEventListener("keydown", key);
   }, []);

@@ -9,11 +9,12 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.analysis.missing.families import Family, located, with_series
+from kennfeld.analysis.missing.families import Family, HatPlaces, with_series
 from kennfeld.analysis.missing.probes import is_probe
 from kennfeld.base.arrays import Float, Int
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.threads import blas_threads
+from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph import Graph
 from kennfeld.native.column_rows import ColumnRows
@@ -168,6 +169,7 @@ class _Samples:
     blocks: int
     block_of: NDArray[np.int32]
     numbers: Int  # of the sample at each visit
+    places: HatPlaces
     channels: dict[str, Float]  # by sample
     series: Float | None  # Float[factors, samples]
     probes: list[int]  # columns of the kernel
@@ -176,13 +178,13 @@ class _Samples:
     def of(
         cls, compiled: CompiledProblem, family: Family, full: Float, divisions: Divisions, blocks: int
     ) -> "_Samples":
-        names = dict.fromkeys(name for axis in family.axes for name in axis.channels)
-        channels = {name: _channel(compiled, name) for name in names}
+        places = HatPlaces(family.axes)
+        channels = {name: _channel(compiled, name) for name in places.channels}
         series = _series(compiled, family, full) if family.series else None
         probes = [compiled.values.offsets[name] for name in family.factors]
         numbers = compiled.sample_numbers()
         block_of = _block_numbers(compiled, divisions, blocks)
-        return cls(compiled, family, blocks, block_of, numbers, channels, series, probes)
+        return cls(compiled, family, blocks, block_of, numbers, places, channels, series, probes)
 
     def factors(self, space: Workspace, chunk: Chunk) -> Float:
         """Return the slopes of outputs, then of states, Float[samples, rows, factors]."""
@@ -201,9 +203,9 @@ class _Samples:
         return slopes
 
     def corners(self, chunk: Chunk) -> list[tuple[NDArray[np.int32], Float, Float]]:
-        """Return cells and shares as `located` does, and the weight of each sample; of maps for both rows of a cell."""
+        """Return cells and shares of hats, and the weight of each sample; of maps for both rows of a cell."""
         family = self.family
-        cells, shares = located(family.axes, self.channels, self.numbers[chunk.first : chunk.last])
+        cells, shares = self.places.locate(self.channels, self.numbers[chunk.first : chunk.last])
         if not family.grid:
             return [(cells, shares, np.ones(chunk.length))]
         rows, width = (len(axis.points) for axis in family.axes)
@@ -214,14 +216,22 @@ class _Samples:
 
 
 def _channel(compiled: CompiledProblem, name: str) -> Float:
-    """Return a channel at all samples, the last known value in its gaps, Float[samples]."""
-    values = np.concatenate([bound.channel(name) for bound in compiled.problem.gathered])
-    known = np.isfinite(values)
-    if known.all():
+    """Return a channel at all samples, the last known value of the recording in its gaps, Float[samples]."""
+    return np.concatenate([bound.at_kept(_without_gaps(bound.dataset, name)) for bound in compiled.problem.gathered])
+
+
+def _without_gaps(dataset: Dataset, name: str) -> Float:
+    """Return a channel with the last known value of each piece in its gaps, at its start the first one."""
+    values = dataset[name].values
+    if np.isfinite(values).all():
         return values
-    latest = np.maximum.accumulate(np.where(known, np.arange(values.size), -1))
-    filled: Float = values[np.maximum(latest, int(np.argmax(known)))]
-    return filled
+    values = values.copy()
+    for piece in dataset.pieces:
+        own = values[piece]
+        known = np.isfinite(own)
+        latest = np.maximum.accumulate(np.where(known, np.arange(own.size), -1))
+        values[piece] = own[np.maximum(latest, int(np.argmax(known)) if own.size else 0)]
+    return values
 
 
 def _series(compiled: CompiledProblem, family: Family, full: Float) -> Float:

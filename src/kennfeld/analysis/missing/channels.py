@@ -1,16 +1,20 @@
 """The channels of the data that may take part in terms, with their hat functions."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import field
 from fnmatch import fnmatchcase
+from functools import partial
 
 import numpy as np
 
+from kennfeld.analysis.missing.channel_survey import ChannelSurvey, scored_values, survey_channels
 from kennfeld.analysis.missing.families import HatAxis
 from kennfeld.analysis.missing.recordings import RECORDING
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import ArgumentError
 from kennfeld.base.formatting import nearest
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.threads import map_in_order
 from kennfeld.domain.breakpoint_rounding import rounded, separated
 from kennfeld.domain.dataset import Dataset
 from kennfeld.optimize.problem.problem import Problem
@@ -31,10 +35,12 @@ class Channels:
     Attributes:
         axes: their hat functions.
         excluded: why others do not take part, by name.
+        gaps: share of the samples at which they are missing, by the name of the input, of those that have gaps.
     """
 
     axes: tuple[HatAxis, ...]
     excluded: dict[str, str]
+    gaps: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def of(cls, problem: Problem, patterns: Sequence[str] = ("*",), points: int = POINTS) -> "Channels":
@@ -51,16 +57,21 @@ class Channels:
                 remedy = nearest(pattern, known)
                 raise ArgumentError(f"channels: the training data have no channel {pattern}. {remedy}".strip())
         asked = [n for n in known if any(fnmatchcase(n, p) or inputs.get(n) == p for p in patterns)]
+        excluded = {name: reason for name in asked if (reason := _reason(problem, datasets, name))}
+        rest = [name for name in asked if name not in excluded]
+        surveys = survey_channels(problem, rest, sorted(_targets(problem)))
+        excluded |= {name: reason for name in rest if (reason := _reason_of_values(problem, name, surveys[name]))}
+        rest = [name for name in rest if name not in excluded]
         axes: list[HatAxis] = []
-        excluded: dict[str, str] = {}
-        for name in asked:
-            reason = _reason(problem, datasets, name)
-            steps = () if reason else _points(problem, name, points)
-            if reason or len(steps) < 2:
-                excluded[name] = reason or "it is constant"
+        # partitions have threads or processes of their own
+        each = map if problem.partitions is not None else map_in_order
+        for name, steps in zip(rest, each(partial(_points, problem, points), rest), strict=True):
+            if len(steps) < 2:
+                excluded[name] = "it is constant"
             else:
                 axes.append(HatAxis(inputs.get(name, name), name, steps))
-        return cls(tuple(axes), excluded)
+        gaps = {axis.name: share for axis in axes if (share := surveys[axis.channel].missing_share)}
+        return cls(tuple(axes), {name: excluded[name] for name in asked if name in excluded}, gaps)
 
 
 def _inputs(problem: Problem) -> dict[str, str]:
@@ -75,7 +86,7 @@ def _targets(problem: Problem) -> set[str]:
 
 
 def _reason(problem: Problem, datasets: Sequence[Dataset], name: str) -> str:
-    """Return why a channel cannot take part; "" if it can."""
+    """Return why a channel cannot take part, whatever its values; "" if it can."""
     targets = _targets(problem)
     if name in targets:
         return "it is the target"
@@ -86,30 +97,22 @@ def _reason(problem: Problem, datasets: Sequence[Dataset], name: str) -> str:
         return "a node or a parameter of the function has its name"
     # also test data: the function with the term could not be evaluated on them
     lacking = next((data.name for data in (*datasets, *problem.datasets) if name not in data), None)
-    if lacking is not None:
-        return f"dataset {lacking} has no such channel"
-    values = np.concatenate([data[name].values[data.counting] for data in datasets])
-    missing = float(np.mean(~np.isfinite(values))) if values.size else 1.0
-    if missing > MAX_GAPS:
-        return f"{missing:.0%} of its samples are missing"
-    for target in sorted(targets):
-        if name not in _inputs(problem).values() and (r := _correlation(datasets, name, target)) > SAME:
-            return f"its correlation with the target {target} is {r:.4f}"
+    return "" if lacking is None else f"dataset {lacking} has no such channel"
+
+
+def _reason_of_values(problem: Problem, name: str, survey: ChannelSurvey) -> str:
+    """Return why the values of a channel let it take no part; "" if it can."""
+    if survey.missing_share > MAX_GAPS:
+        return f"{survey.missing_share:.0%} of its samples are missing"
+    if name in _inputs(problem).values():
+        return ""
+    for target, moments in survey.moments.items():
+        if moments.correlation > SAME:
+            return f"its correlation with the target {target} is {moments.correlation:.4f}"
     return ""
 
 
-def _correlation(datasets: Sequence[Dataset], name: str, other: str) -> float:
-    both = [data for data in datasets if other in data]
-    if not both:
-        return 0.0
-    x, y = (np.concatenate([data[each].values[data.counting] for data in both]) for each in (name, other))
-    known = np.isfinite(x) & np.isfinite(y)
-    x, y = x[known] - x[known].mean() if known.any() else x[:0], y[known] - y[known].mean() if known.any() else y[:0]
-    size = np.sqrt((x @ x) * (y @ y))
-    return float(abs(x @ y) / size) if size > 0 else 0.0
-
-
-def _points(problem: Problem, name: str, points: int) -> tuple[float, ...]:
+def _points(problem: Problem, points: int, name: str) -> tuple[float, ...]:
     """Return round breakpoints at quantiles of all training samples; those of few different numbers are these."""
     shares = np.linspace(ENDS, 1 - ENDS, points)
 
@@ -117,7 +120,7 @@ def _points(problem: Problem, name: str, points: int) -> tuple[float, ...]:
         return problem.each(_count, name, digits)
 
     if problem.partitions is None:
-        values = np.concatenate([data[name].values[data.counting] for data in problem.fitted_datasets])
+        values = scored_values(problem.fitted_datasets, name)
         values = values[np.isfinite(values)]
         found = np.quantile(values, shares) if values.size else np.zeros(0)
     else:

@@ -26,30 +26,26 @@ MAX_COLUMNS = 1536  # with states, a row of a sample has all columns of a family
 class HatAxis:
     """The hat functions of a channel, one for each breakpoint.
 
-    >>> cells, shares = HatAxis("x", "x", (0.0, 1.0, 3.0)).locate(np.array([-1.0, 0.5, 2.0]))
-    >>> cells.tolist(), shares.tolist()
-    ([0, 0, 1], [0.0, 0.5, 0.5])
+    >>> HatAxis("x", "x", (0.0, 1.0, 3.0)).positions(np.array([-1.0, 0.5, 2.0])).tolist()
+    [0.0, 0.5, 1.5]
     """
 
     name: str  # the input of the function
     channel: str  # of the data
     points: tuple[float, ...]
 
-    def locate(self, values: Float) -> tuple[Int, Float]:
-        """Return the number of the hat before each value, and the weight of the next one; Float[samples] each."""
-        points = np.array(self.points)
-        cells = np.clip(np.searchsorted(points, values, side="right") - 1, 0, points.size - 2)
-        shares = np.clip((values - points[cells]) / np.diff(points)[cells], 0.0, 1.0)
-        return cells, shares
-
-    def place(self, columns: Mapping[str, Float], numbers: Int) -> tuple[Int, Float]:
-        """Return what `locate` does of samples of the data."""
-        return self.locate(columns[self.channel][numbers])
+    def positions(self, values: Float) -> Float:
+        """Return the number of the hat before each value plus the weight of the next one; of NaN, the middle."""
+        positions: Float = np.interp(values, self.points, np.arange(len(self.points)))
+        unknown = np.isnan(positions)
+        if unknown.any():
+            positions[unknown] = 0.5 * (len(self.points) - 1)
+        return positions
 
     @property
-    def channels(self) -> tuple[str, ...]:
-        """The channels of the data that are read."""
-        return (self.channel,)
+    def single(self) -> tuple["HatAxis", ...]:
+        """The axes of single channels."""
+        return (self,)
 
 
 @dataclass(frozen=True)
@@ -64,17 +60,9 @@ class ProductAxis:
     points: tuple[float, ...] = (-1.0, 1.0)
 
     @property
-    def channels(self) -> tuple[str, ...]:
-        """The channels of the data that are read."""
-        return (self.first.channel, self.second.channel)
-
-    def place(self, columns: Mapping[str, Float], numbers: Int) -> tuple[Int, Float]:
-        """Return the hat before the product of each sample, always the first, and the weight of the other one."""
-        product = np.ones(numbers.size)
-        for axis in (self.first, self.second):
-            cells, shares = axis.place(columns, numbers)
-            product *= 2 * (cells + shares) / (len(axis.points) - 1) - 1
-        return np.zeros(numbers.size, dtype=np.int64), 0.5 * (1 + product)
+    def single(self) -> tuple[HatAxis, ...]:
+        """The axes of single channels."""
+        return (self.first, self.second)
 
 
 @dataclass(frozen=True)
@@ -106,7 +94,7 @@ class Family:
 
     factors: tuple[str, ...]
     terms: tuple[tuple[MissingTerm, ...], ...]
-    axes: tuple[HatAxis | ProductAxis, ...] = ()
+    axes: tuple[HatAxis, ...] | tuple[ProductAxis, ...] = ()
     series: tuple[Series, ...] = ()
     grid: bool = False
 
@@ -231,24 +219,44 @@ def with_series(graph: Graph, series: Sequence[Series]) -> Graph:
     return b.finish(names, graph.units, graph.outputs)
 
 
-def located(
-    axes: Sequence[HatAxis | ProductAxis], columns: Mapping[str, Float], numbers: Int
-) -> tuple[NDArray[np.int32], Float]:
-    """Return for some samples the first hat of each axis, counted over all axes, and the weight of the next one.
+class HatPlaces:
+    """Finds the hats of the axes of a family at samples.
 
     Args:
         axes: of channels; without any, each sample has the one hat of weight 1.
-        columns: the channels, Float[all samples] each.
-        numbers: of the samples.
-
-    Returns:
-        Shapes (samples, axes) each.
     """
-    cells = np.zeros((numbers.size, max(len(axes), 1)), dtype=np.int32)
-    shares = np.zeros(cells.shape)
-    first = 0
-    for at, axis in enumerate(axes):
-        own, shares[:, at] = axis.place(columns, numbers)
-        cells[:, at] = own + first
-        first += len(axis.points)
-    return cells, shares
+
+    def __init__(self, axes: Sequence[HatAxis] | Sequence[ProductAxis]) -> None:
+        self._firsts = np.cumsum([0, *(len(axis.points) for axis in axes[:-1])]).astype(np.int32)
+        # each channel once, as many pairs share it
+        numbers = {axis: at for at, axis in enumerate(dict.fromkeys(each for axis in axes for each in axis.single))}
+        self._single = tuple(numbers)
+        self._last = np.array([len(axis.points) - 1 for axis in numbers], dtype=np.int32)
+        pairs = [axis.single for axis in axes if isinstance(axis, ProductAxis)]
+        self._pairs = np.array([[numbers[axis] for axis in pair] for pair in pairs])
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The channels of the data that are read."""
+        return tuple(axis.channel for axis in self._single)
+
+    def locate(self, columns: Mapping[str, Float], numbers: Int) -> tuple[NDArray[np.int32], Float]:
+        """Return the first hat of each axis, counted over all axes, and the weight of the next one.
+
+        Args:
+            columns: the channels, Float[all samples] each.
+            numbers: of the samples.
+
+        Returns:
+            Shapes (samples, axes) each; with the one hat of a family without axes, (samples, 1).
+        """
+        if not self._single:
+            return np.zeros((numbers.size, 1), dtype=np.int32), np.zeros((numbers.size, 1))
+        positions = np.stack([axis.positions(columns[axis.channel][numbers]) for axis in self._single], axis=1)
+        if self._pairs.size:
+            ranks = 2 * positions / self._last - 1
+            # rows of samples, as they are read; an index in place of `take` would return columns
+            first, second = (ranks.take(side, axis=1) for side in self._pairs.T)
+            return np.tile(self._firsts, (numbers.size, 1)), 0.5 + 0.5 * first * second
+        cells = np.minimum(positions.astype(np.int32), self._last - 1)
+        return cells + self._firsts, positions - cells

@@ -49,7 +49,7 @@ class Hints:
             lines.append(f"{self.best}: would take {self.share:.0%} off the cost; see kennfeld propose.")
         elif self.scored:
             text = "No lag, and no curve of a channel that the function reads, would take 1% off the cost"
-            lines.append(f"{text}; kennfeld propose also tries other channels, delays and offsets of recordings.")
+            lines.append(f"{text}; kennfeld propose also tries maps, other channels, delays and offsets of recordings.")
         return lines
 
     def as_json(self) -> dict[str, Any]:

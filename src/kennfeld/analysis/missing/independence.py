@@ -12,7 +12,6 @@ from kennfeld.analysis.missing.scoring import score_problem
 from kennfeld.analysis.missing.search_round import SearchRound
 from kennfeld.analysis.missing.shortlist import LEVEL
 from kennfeld.optimize.problem.problem import Problem
-from kennfeld.optimize.search.multistart import run
 
 
 class Beside(SearchRound):
@@ -49,11 +48,11 @@ class Beside(SearchRound):
         """Return the function with one proposal more, fitted."""
         if proposal.addition is None:
             return problem
-        extended = proposal.addition.to(problem, problem.parameters)
         if number == 1 and proposal.fit is not None:
+            extended = proposal.addition.to(problem, problem.parameters)
             return replace(extended, parameters=proposal.fit.parameters)
         self.report(f"fitting the function with {number} of the proposals")
-        return replace(extended, parameters=run(extended, self.judge.options).parameters)
+        return self.fitted_with(problem, [proposal.addition], problem.parameters)[0]
 
     def _is_significant(self, problem: Problem, proposal: TermProposal, candidates: int) -> bool:
         term = proposal.term
@@ -69,5 +68,6 @@ class Beside(SearchRound):
         """Return if a proposal lowers the error on held-out parts of the function with the better ones."""
         if proposal.addition is None:
             return False
-        name, parts = hold_out(problem, self.judge.options, whole=proposal.term.kind != "offset")
+        known = proposal.addition if self.judge.reads_gaps(proposal.addition) else None
+        name, parts = hold_out(problem, self.judge.options, whole=proposal.term.kind != "offset", known=known)
         return not self.judge.fault(self.judge.held_out(name, parts, proposal.addition))

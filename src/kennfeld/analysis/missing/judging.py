@@ -1,6 +1,6 @@
 """Candidates are judged by fits to parts of the data, and become proposals by a fit to all of them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from typing import NamedTuple
 
@@ -43,6 +43,7 @@ class Judge:
         least: effect that a proposal must explain.
         names: of the recordings, for offsets.
         unit: of the RMSE.
+        gaps: share of the samples at which channels are missing, of those that have gaps.
     """
 
     problem: Problem
@@ -51,7 +52,25 @@ class Judge:
     least: float
     names: tuple[str, ...]
     unit: str
+    gaps: Mapping[str, float] = field(default_factory=dict)
     _parts: dict[bool, tuple[str, list[HeldOut]]] = field(default_factory=dict, repr=False)
+
+    def where_known(self, addition: Addition) -> "Judge":
+        """Return a judge of the function as it is over the samples that it has with a term.
+
+        Samples at which a channel of the term is missing drop out of its fit. Their errors are not what it explains.
+        """
+        if not self.reads_gaps(addition):
+            return self
+        result = run(addition.without_effect(self.problem), self.options)
+        values = [result.parameters[name] for name in self.problem.parameters]
+        problem = replace(self.problem, parameters=self.problem.parameters.with_parameters(*values))
+        parts = {True: hold_out(problem, self.options, known=addition)}
+        return replace(self, problem=problem, result=result, _parts=parts)
+
+    def reads_gaps(self, addition: Addition) -> bool:
+        """Return True if a channel of a term has gaps."""
+        return any(name in self.gaps for name in addition.term.channels)
 
     def parts(self, *, whole: bool = True) -> tuple[str, list[HeldOut]]:
         """Return what is held out, in words, and the parts with fits of the function as it is to the others.

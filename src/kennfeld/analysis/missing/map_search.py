@@ -15,7 +15,6 @@ from kennfeld.analysis.missing.terms import Kind, describe
 from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameters import Curve, Parameter
 from kennfeld.optimize.problem.problem import Problem
-from kennfeld.optimize.search.multistart import run
 
 LENGTH = 2  # maps that are fitted
 MARGIN = 1e-2  # of the held-out RMSE with the best curves, by which a map must lower it
@@ -69,11 +68,12 @@ class MapSearch(SearchRound):
             if reason := self._fault_beside(addition, curves, extended):
                 rejected.append(f"{describe(own.best.term)}: {reason}")
                 continue
-            change = self.judge.held_out(*self.judge.parts(), addition)
-            if reason := self.judge.fault(change):
+            judge = self.judge.where_known(addition)
+            change = judge.held_out(*judge.parts(), addition)
+            if reason := judge.fault(change):
                 rejected.append(f"{describe(own.best.term)}: {reason}")
                 continue
-            better.append(self.judge.proposal(own, addition, change, maps.candidates, scored.weights))
+            better.append(judge.proposal(own, addition, change, maps.candidates, scored.weights))
         return better
 
     def _with_finer_curves(self, curves: Sequence[TermProposal], extended: Problem) -> tuple[Problem, bool]:
@@ -81,8 +81,7 @@ class MapSearch(SearchRound):
 
         What a curve of few points leaves of its own bends, a map over a correlated channel would seem to explain.
         """
-        problem, start = self.judge.problem, extended.parameters
-        finer: list[Parameter] = []
+        start, additions, finer = extended.parameters, list[Addition](), list[Parameter]()
         for each in curves:
             assert each.addition is not None
             parameter = each.addition.parameter
@@ -90,14 +89,12 @@ class MapSearch(SearchRound):
                 x = np.array(each.term.breakpoints)
                 x = np.sort(np.concatenate([x, 0.5 * (x[1:] + x[:-1])]))
                 finer.append(Curve(parameter.name, Axis(x, each.term.channel), start[parameter.name](x)))
-                problem = replace(each.addition, parameter=finer[-1]).to(problem, problem.parameters)
+                additions.append(replace(each.addition, parameter=finer[-1]))
             else:
-                problem = each.addition.to(problem, problem.parameters)
+                additions.append(each.addition)
         if not finer:
             return extended, True
-        began = replace(problem, parameters=start.with_parameters(*finer))
-        result = run(began, self.judge.options)
-        return replace(began, parameters=result.parameters), result.converged
+        return self.fitted_with(self.judge.problem, additions, start.with_parameters(*finer))
 
     def _fault_beside(self, addition: Addition, curves: Sequence[TermProposal], extended: Problem) -> str:
         """Return why a map in place of the curves of its channels is no better than they are; "" if it is."""
@@ -108,13 +105,14 @@ class MapSearch(SearchRound):
         for each in others:
             if each.addition is not None:
                 without = each.addition.to(without, without.parameters)
-        name, with_curves = hold_out(extended, self.judge.options)
-        _, parts = hold_out(without, self.judge.options) if others else self.judge.parts()
+        known = addition if self.judge.reads_gaps(addition) else None
+        name, with_curves = hold_out(extended, self.judge.options, known=known)
+        plain = self.judge.where_known(addition).parts()[1]
+        parts = hold_out(without, self.judge.options, known=known)[1] if others else plain
         # as if the function without these curves were as good as with them
         rivals = [replace(part, squares=curve.squares) for part, curve in zip(parts, with_curves, strict=True)]
         change = self.judge.held_out(name, rivals, addition)
         if reason := self.judge.fault(change, MARGIN):
             return f"beside better proposals, {reason}"
-        plain = [part.squares for part in self.judge.parts()[1]]
-        explained = pooled(plain, rivals) ** 2 - change.rmse.before**2
+        explained = pooled([part.squares for part in plain], rivals) ** 2 - change.rmse.before**2
         return LITTLE if change.rmse.explained**2 < SHARE * explained else ""

@@ -278,5 +278,6 @@ def _rounded_together(values: Float) -> list[Any]:
 
 def _rounded(number: float) -> float | None:
     """Return a number with six digits, so that the order in which parts of the data are added does not show."""
-    rounded: float | None = finite_or_none(float(f"{number:.6g}"))
+    # 0 for -0, which a pinned value may be
+    rounded: float | None = finite_or_none(float(f"{number:.6g}") + 0.0)
     return rounded

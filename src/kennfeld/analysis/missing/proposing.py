@@ -190,6 +190,7 @@ class _TermSearch:
         nodes = Nodes.of(problem, self._scope.nodes)
         if nodes.left_out:
             self._remarks.append(f"The last {len(nodes.names)} nodes took part, not {nodes.left_out} others.")
+        self._judge = replace(self._judge, gaps=channels.gaps)
         self._report("scoring candidates")
         scored = score_problem(problem, channels, nodes, self._scope.kinds)
         if scored.own_share > UNFINISHED:
@@ -231,6 +232,7 @@ class _TermSearch:
             maps = search.proposals(kinds, kept, extended, scored, rejected)
             if maps:
                 kept, _ = beside.independent(sorted([*kept, *maps], key=error_of), rejected, len(scored.scores))
+        self._remarks += _gap_remarks(kept, channels)
         return known(kept, rejected, "found" if kept else "none", self._message(kept, smallest))
 
     def _message(self, kept: Sequence[TermProposal], smallest: float) -> str:
@@ -254,13 +256,24 @@ class _TermSearch:
             self._report(f"fitting candidate {number} of {len(groups)}: {describe(group.best.term)}")
             group = self._judge.after_few_steps(group, alike(scored.scores, group), scored.weights)
             addition = Addition.of(self._judge.problem, group.best)
-            change = self._judge.held_out(*self._judge.parts(whole=group.best.term.kind != "offset"), addition)
-            if reason := self._judge.fault(change):
+            judge = self._judge.where_known(addition)
+            change = judge.held_out(*judge.parts(whole=group.best.term.kind != "offset"), addition)
+            if reason := judge.fault(change):
                 rejected.append(f"{describe(group.best.term)}: {reason}")
             else:
-                kept.append(self._judge.proposal(group, addition, change, len(scored.scores), scored.weights))
+                kept.append(judge.proposal(group, addition, change, len(scored.scores), scored.weights))
             tell(kept, rejected)
         return kept, rejected
+
+
+def _gap_remarks(proposals: Sequence[TermProposal], channels: Channels) -> list[str]:
+    """Return a sentence for each channel of proposals that has gaps."""
+    names = dict.fromkeys(name for each in proposals for name in each.term.channels)
+    return [
+        f"{name} is missing in {channels.gaps[name]:.1%} of the samples; all errors with it are those of the others."
+        for name in names
+        if name in channels.gaps
+    ]
 
 
 def _with_whole_files(problem: Problem) -> Problem:

@@ -104,6 +104,15 @@ class Addition:
             constraints=(*problem.constraints, *self.constraints),
         )
 
+    def without_effect(self, problem: Problem) -> Problem:
+        """Return a problem with the term at its neutral values, which are not free.
+
+        It is the function as it is, over the samples that the function with the term has: those at which the channels
+        of the term are known.
+        """
+        read = self.to(problem, problem.parameters)
+        return replace(problem, model=read.model, parameters=read.parameters, free=problem.free_names)
+
 
 @dataclass(frozen=True)
 class HeldOut:
@@ -124,13 +133,16 @@ class HeldOut:
     name: str = ""
 
 
-def hold_out(problem: Problem, options: Options, *, whole: bool = True) -> tuple[str, list[HeldOut]]:
+def hold_out(
+    problem: Problem, options: Options, *, whole: bool = True, known: Addition | None = None
+) -> tuple[str, list[HeldOut]]:
     """Return what is held out, in words, and the parts.
 
     Args:
         problem: the problem.
         options: of the fits without them.
         whole: True if whole recordings are held out where there are enough.
+        known: a term at whose samples the errors count; None for all.
     """
     folds: Sequence[Fold | PartitionFold]
     if problem.partitions is not None:
@@ -144,9 +156,14 @@ def hold_out(problem: Problem, options: Options, *, whole: bool = True) -> tuple
     parts = []
     for fold in folds:
         part = fold_problem(problem, fold)
-        result = run(part, options)
-        parts.append(HeldOut(part, result.parameters, *_held(result), fold.name))
+        result = run(part if known is None else known.without_effect(part), options)
+        parts.append(HeldOut(part, _only(result.parameters, part), *_held(result), fold.name))
     return name, [part for part in parts if part.samples]
+
+
+def _only(parameters: ParameterSet, problem: Problem) -> ParameterSet:
+    """Return the parameters that a problem has."""
+    return parameters.without([name for name in parameters if name not in problem.parameters])
 
 
 def _file_folds(partitions: Sequence[Partition]) -> list[PartitionFold]:

@@ -247,7 +247,7 @@ class Linearisation:
         """Return by how much the roughness changes with the step of a candidate and that of the values with it."""
         if not self._is_rough:
             return 0.0
-        values = -self._whitening.T @ (self._pull + white @ step)
+        values = self._whitening.T @ -(self._pull + white @ step)
         return float(values @ (2 * self._rough_gradient + self._roughness @ values))
 
 

@@ -14,7 +14,7 @@ from kennfeld.base.arrays import Float
 from kennfeld.base.errors import ArgumentError, Finding, InputError, Location, Severity
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.design.api import Request
-from kennfeld.design.design_result import Design
+from kennfeld.design.design_result import STOPPED, Design
 
 FILE = "measure-next"
 MAX_POINTS = 2000  # rows that are listed
@@ -106,6 +106,7 @@ class FoundDesign:
         duration: of all segments with their warm-up, or of the points on the bench, in s.
         unsettled: what the design leaves open, in sentences.
         remarks: warnings and remarks.
+        stopped: how many were chosen, and how many would have been; empty for a choice that has ended.
     """
 
     old: bool
@@ -123,6 +124,7 @@ class FoundDesign:
     tables: Sequence[DesignTableRow]
     formats: Sequence[DesignFormat]
     seconds: float
+    stopped: Sequence[int]
 
 
 @dataclass(frozen=True)
@@ -280,10 +282,12 @@ def _found(findings: DesignFindings, *, old: bool, seconds: float) -> FoundDesig
         duration=_duration(design),
         sentences=design.sentences,
         unsettled=design.unsettled,
-        remarks=[_remark(finding) for finding in design.findings],
+        # the list itself says how many of how many there are, also while further ones are being chosen
+        remarks=[_remark(finding) for finding in design.findings if not finding.message.startswith(STOPPED)],
         tables=[_table(own) for own in findings.tables],
         formats=_formats(design),
         seconds=seconds,
+        stopped=design.stopped or (),
     )
 
 

@@ -10,7 +10,7 @@ from kennfeld.analysis.missing.probes import Nodes
 from kennfeld.analysis.missing.proposal import RmseChange, TermProposal
 from kennfeld.analysis.missing.proposing import SearchScope
 from kennfeld.analysis.missing.recordings import can_be_numbered
-from kennfeld.analysis.missing.terms import FORMS, OF_CHANNELS, Form, Kind, describe
+from kennfeld.analysis.missing.terms import FORMS, OF_CHANNELS, Form, Kind, MissingTerm, describe
 from kennfeld.app.answer import finite, finite_list
 from kennfeld.app.questions.recordings import channel_ranges, recorded_channels
 from kennfeld.app.session.session import Session
@@ -200,6 +200,7 @@ class ShownTerm:
         second_points: those of the second channel.
         now: the values, of a map row by row, one for each of `points`; the time constant of a lag.
         deviation: standard deviation of each; null if nothing determines one.
+        value_unit: of the values and their deviations; empty for a factor.
         neutral: the value without effect.
         fitted: false at an equal place, where the values are those without effect.
         criterion: node whose errors are drawn.
@@ -224,6 +225,7 @@ class ShownTerm:
     second_points: Sequence[float]
     now: Sequence[float]
     deviation: Sequence[float | None]
+    value_unit: str
     neutral: float
     fitted: bool
     criterion: str
@@ -406,6 +408,7 @@ def term(session: Session, asked: AskedTerm) -> ShownTerm:
         second_points=own.term.second_breakpoints,
         now=_numbers(parameter.values) if parameter is not None else [],
         deviation=finite_list(picture.deviation) if fitted else [],
+        value_unit=_value_unit(problem, own.term),
         neutral=1.0 if kind == "multiply" else 0.0,
         fitted=fitted,
         criterion=problem.criteria[picture.criterion].node if picture.criterion < len(problem.criteria) else "",
@@ -420,6 +423,12 @@ def term(session: Session, asked: AskedTerm) -> ShownTerm:
         x=picture.x,
         error=picture.error,
     )
+
+
+def _value_unit(problem: Problem, term: MissingTerm) -> str:
+    if term.kind == "lag":
+        return "s"
+    return "" if term.kind == "multiply" else problem.model.graph.units.get(term.node, "")
 
 
 def _numbers(values: Float) -> list[float]:

@@ -1,5 +1,6 @@
 """The recordings of the project: their files, channels, and what the function reads of them."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -37,13 +38,22 @@ class ChannelRow:
 
 
 @dataclass(frozen=True)
+class ChannelGroup:
+    """A group of channels with time stamps of its own; `step` is the usual time between them in s."""
+
+    name: str
+    step: float
+
+
+@dataclass(frozen=True)
 class RecordingFile:
     """A file of a dataset, as far as it can be read.
 
     Attributes:
         size: of the file in bytes.
         samples: number of samples of the longest table.
-        step: between samples in s.
+        step: between samples in s; of several groups of channels, the shortest.
+        groups: of channels with time stamps, if there are several.
         length: duration in s.
         missing: share of missing values in the channel that has most of them.
         sparsest: that channel.
@@ -56,6 +66,7 @@ class RecordingFile:
     size: int | Absent = ABSENT
     samples: int | Absent = ABSENT
     step: float | Absent | None = ABSENT
+    groups: Sequence[ChannelGroup] = ()
     length: float | Absent | None = ABSENT
     missing: float | Absent = ABSENT
     sparsest: str | Absent = ABSENT
@@ -224,12 +235,15 @@ def _described(folder: str, path: str, databases: tuple[DatabaseFile, ...], size
     several = len(tables) > 1
     channels = [(table.name if several else "", channel) for table in tables for channel in table.channels]
     sparsest = max((channel for _, channel in channels), key=lambda channel: channel.nan_share, default=None)
-    time = next((table.time for table in tables if table.time is not None), None)
+    times = [table.time for table in tables if table.time is not None]
+    time = min(times, key=lambda each: math.inf if each.step is None else each.step, default=None)
+    groups = [ChannelGroup(t.name, t.time.step) for t in tables if t.time is not None and t.time.step is not None]
     return RecordingFile(
         name=shown,
         size=size,
         samples=max((table.samples for table in tables), default=0),
         step=None if time is None else time.step,
+        groups=groups if len(groups) > 1 else [],
         length=None if time is None else time.end - time.begin,
         missing=0.0 if sparsest is None else sparsest.nan_share,
         sparsest="" if sparsest is None else sparsest.name,

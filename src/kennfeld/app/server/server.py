@@ -55,10 +55,24 @@ class PageQuestion:
 
 
 class Server:
-    """Serves a workspace to any number of pages; those of one project show the same state."""
+    """Serves a workspace to any number of pages; those of one project show the same state.
 
-    def __init__(self, workspace: AppWorkspace, key: str = "") -> None:
+    Args:
+        workspace: what is served.
+        key: of the pages that know the server.
+        first: a project that is opened while the browser starts; pages wait for it, and see what is read.
+        failed: called if it cannot be opened.
+    """
+
+    def __init__(
+        self,
+        workspace: AppWorkspace,
+        key: str = "",
+        first: Path | None = None,
+        failed: Callable[[BaseException], object] = lambda _: None,
+    ) -> None:
         self.workspace, self.nonce, self._key = workspace, new_token(), key
+        self._first, self._failed = first, failed
         self._pages: set[OpenPage] = set()
         self._executor = ThreadPoolExecutor(1, thread_name_prefix="session")  # the session is used by one thread
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -70,9 +84,12 @@ class Server:
         async def lifespan(_: Starlette) -> Any:
             self._loop = asyncio.get_running_loop()
             self.workspace.subscribe(self._push_from_thread, self._pump_from_thread)
+            if self._first is not None:
+                self._executor.submit(self._open_first, self._first)
             watch = asyncio.create_task(self._watch())
             yield
             watch.cancel()
+            self.workspace.stop_activity()  # else the end waits for what is read
             self._executor.shutdown(wait=False, cancel_futures=True)
 
         return Starlette(
@@ -88,6 +105,12 @@ class Server:
             exception_handlers={KennfeldError: _refusal},
             lifespan=lifespan,
         )
+
+    def _open_first(self, path: Path) -> None:
+        try:
+            self.workspace.open_first(path)
+        except BaseException as error:
+            self._failed(error)
 
     async def _watch(self) -> None:
         """Tell the pages when another program changes the project file."""
@@ -109,6 +132,8 @@ class Server:
         sender = asyncio.create_task(page.send_all())
         try:
             self._pages.add(page)  # before it has a project, it gets the progress of what takes a while
+            if (activity := self.workspace.activity) is not None:
+                page.put(activity, "activity")
             page.project = await self._in_session(lambda: self.workspace.join(asked))
             page.put(await self._snapshot(page.project), "state")
             while True:
@@ -242,7 +267,9 @@ def packed(answer: Answer) -> bytes:
 
 
 class OpenPage:
-    """One page: what is to be sent to it. Of each topic only the newest message waits.
+    """One page: what is to be sent to it, in order. Of each topic only the newest message waits.
+
+    The state after a command precedes the answer to it: when that comes, the page shows what the command did.
 
     Attributes:
         project: id of the project that it shows; empty if none.
@@ -251,32 +278,36 @@ class OpenPage:
     def __init__(self, websocket: WebSocket) -> None:
         self.project = ""
         self._websocket = websocket
-        self._answers: list[Answer] = []
-        self._topics: dict[str, Answer] = {}
+        self._waiting: list[tuple[str, Answer]] = []  # with its topic, which answers lack
         self._ready = asyncio.Event()
 
     def put(self, answer: Answer, topic: str = "") -> None:
         if topic:
-            self._topics[topic] = Answer({"push": topic, **answer.head}, answer.arrays)
-        else:
-            self._answers.append(answer)
+            answer = Answer({"push": topic, **answer.head}, answer.arrays)
+            self._drop_older(topic)
+        self._waiting.append((topic, answer))
         self._ready.set()
+
+    def _drop_older(self, topic: str) -> None:
+        """Drop the message of a topic that waits, unless an answer waits behind it, which it is to precede."""
+        for index in range(len(self._waiting) - 1, -1, -1):
+            if self._waiting[index][0] in ("", topic):
+                if self._waiting[index][0]:
+                    del self._waiting[index]
+                return
 
     def show(self, project: str, state: Answer) -> None:
         """Show another project: its state precedes the answer to the question that opened it."""
         self.project = project
-        self._topics.pop("state", None)
-        self.put(Answer({"push": "state", **state.head}, state.arrays))
+        self.put(state, "state")
 
     async def send_all(self) -> None:
         """Send what waits, for as long as the page is open."""
         while True:
             await self._ready.wait()
             self._ready.clear()
-            waiting, self._answers = self._answers, []
-            waiting += self._topics.values()
-            self._topics = {}
-            for answer in waiting:
+            waiting, self._waiting = self._waiting, []
+            for _, answer in waiting:
                 data = packed(answer)
                 try:
                     await asyncio.wait_for(self._websocket.send_bytes(data), SLOW_CLIENT)
@@ -295,8 +326,12 @@ def serve(
         workspace: what is served.
         port: 0 takes that of the last server of the project if it is free, else any free one.
         ready: called with the address to open once the server accepts connections.
-        project: the project that the server was started with.
+        project: opened while the browser starts.
         ticket: a token that opens one page, in place of that of the address.
+
+    Raises:
+        InputError: the project cannot be opened.
+        OSError: the port cannot be used.
     """
     known = known_server(project)
     listener = _listener(port or (known.port if known else 0), fallback=not port)
@@ -305,7 +340,13 @@ def serve(
     # a key belongs to a port, at which the pages that know it look for the server
     token, key = new_token(), known.key if known is not None and known.port == port else new_token()
     remember_server(project, KnownServer(port, key))
-    own = Server(workspace, key)
+    errors: list[BaseException] = []
+
+    def failed(error: BaseException) -> None:
+        errors.append(error)
+        server.should_exit = True
+
+    own = Server(workspace, key, project, failed)
     guarded = RequestGuard(own.application(), port, token, own.nonce, Handshake(port, key), ticket=ticket)
     config = uvicorn.Config(
         guarded, log_level="error", ws="websockets-sansio", ws_max_size=MAX_MESSAGE, lifespan="on", server_header=False
@@ -318,6 +359,8 @@ def serve(
         announce.cancel()
 
     asyncio.run(run())
+    if errors:
+        raise errors[0]
 
 
 def _listener(port: int, *, fallback: bool) -> socket.socket:

@@ -19,11 +19,14 @@ class Activity:
 
     Args:
         tell: called with each step, in this thread.
+
+    Attributes:
+        present: what was told last; an empty text if nothing is being done. May be read from any thread.
     """
 
     def __init__(self, tell: Tell = _silent) -> None:
         self._tell, self._stop = tell, threading.Event()
-        self._text = ""
+        self.present: tuple[str, float | None] = ("", None)
 
     def begin(self) -> None:
         """Forget an earlier wish to stop; called before a question is answered."""
@@ -41,13 +44,13 @@ class Activity:
         """
         if self._stop.is_set():
             raise StoppedError
-        self._text = text
+        self.present = (text, share)
         self._tell(text, share)
 
     def end(self) -> None:
         """Tell that nothing is being done any more."""
-        if self._text:
-            self._text = ""
+        if self.present[0]:
+            self.present = ("", None)
             self._tell("", None)
 
     def stop(self) -> None:

@@ -8,7 +8,7 @@ import ctypes
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib import import_module
 from typing import Any
@@ -103,37 +103,38 @@ def compile_functions(*functions: FunctionWriter, loops: bool = False) -> dict[s
     return Engine(_module(lambda: functions, fingerprint_of_text(text), BEST, loops=loops)).functions()
 
 
-def compile_written(write: Callable[..., Functions], *arguments: Any) -> dict[str, NativeFunction]:
+def compile_written(write: Callable[..., Functions], *arguments: Any) -> Mapping[str, NativeFunction]:
     """Compile the functions that `write(*arguments)` returns as one module, and return them by name.
 
     Nothing is written if the code of an equal call is kept; see `fingerprint` for what `write` may depend on.
     """
     content = fingerprint(write, arguments)
     key = f"{content} {LEVEL}"
-    engine = None if content is None else _recent_engine(key)
-    if engine is None:
+    functions = None if content is None else _recent_functions(key)
+    if functions is None:
         engine = Engine(_module(lambda: write(*arguments), content, LEVEL))
+        functions = engine.functions()
         if content is not None and engine.size <= SMALL:
-            _remember(key, engine)
-    return engine.functions()
+            _remember(key, engine, functions)
+    return functions
 
 
-_recent: OrderedDict[str, Engine] = OrderedDict()  # the most recently used last
+_recent: OrderedDict[str, tuple[Engine, Mapping[str, NativeFunction]]] = OrderedDict()  # the most recently used last
 _remembering = threading.Lock()
 
 
-def _recent_engine(key: str) -> Engine | None:
+def _recent_functions(key: str) -> Mapping[str, NativeFunction] | None:
     with _remembering:
-        engine = _recent.get(key)
+        engine, functions = _recent.get(key, (None, {}))
         if engine is None or not engine.is_current:
             return None
         _recent.move_to_end(key)
-        return engine
+        return functions
 
 
-def _remember(key: str, engine: Engine) -> None:
+def _remember(key: str, engine: Engine, functions: Mapping[str, NativeFunction]) -> None:
     with _remembering:
-        _recent[key] = engine
+        _recent[key] = engine, functions
         while len(_recent) > RECENT:
             _recent.popitem(last=False)
 

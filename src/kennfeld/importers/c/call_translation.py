@@ -1,28 +1,17 @@
 """Translation of calls: of functions of the C library, and of those of the file, with the addresses they get."""
 
 from collections.abc import Iterator, Sequence
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from pycparser import c_ast
 
 from kennfeld.importers.c.declarations import CArgument, CFunctionDeclaration, CVariable, line_of
-from kennfeld.importers.c.expression_translation import (
-    CExpressionTranslation,
-    COperand,
-    PassedNames,
-    call_of,
-    converted,
-    rounded,
-)
-from kennfeld.importers.c.functions import MATHEMATICS, TESTS
-from kennfeld.importers.c.number_types import DOUBLE, INT, LONG, LONG_LONG, CType, UnsupportedCError
+from kennfeld.importers.c.expression_translation import COperand, PassedNames, call_of, converted
+from kennfeld.importers.c.library_calls import LibraryCalls
+from kennfeld.importers.c.number_types import INT, CType, UnsupportedCError
 from kennfeld.importers.c.places import CPlace, single_numbers
 from kennfeld.importers.c.struct_types import CStructType
 from kennfeld.program import tree as m
-
-# functions that Simulink writes to a file of its own
-_ALIASES: Final = {"rtIsNaN": "isnan", "rtIsNaNF": "isnan", "rtIsInf": "isinf", "rtIsInfF": "isinf"}
-_TO_INTEGER: Final = ("lround", "lrint", "llround", "llrint")
 
 
 class _PassedArguments(NamedTuple):
@@ -33,7 +22,7 @@ class _PassedArguments(NamedTuple):
     copies: Sequence[m.Statement]
 
 
-class CCallTranslation(CExpressionTranslation):
+class CCallTranslation(LibraryCalls):
     """Translates calls."""
 
     def call(self, tree: c_ast.FuncCall, *, wants_result: bool = True) -> COperand:
@@ -49,34 +38,7 @@ class CCallTranslation(CExpressionTranslation):
             self.calls[name] = None
             function = self.file.functions[name]
             return self._called_number(function, trees, line_of(tree), wants_result=wants_result)
-        name = _ALIASES.get(name, name)
-        if name.removesuffix("f") in _TO_INTEGER and len(trees) == 1:
-            return self._rounded_integer(name.removesuffix("f"), trees[0])
-        # sinf is sin, computed in double precision
-        plain = name if name in MATHEMATICS or name in TESTS else name.removesuffix("f")
-        known = {**MATHEMATICS, **TESTS}
-        if plain not in known:
-            raise UnsupportedCError(f"unknown function {name}", line_of(tree), wrong=True)
-        if len(trees) != known[plain]:
-            raise UnsupportedCError(f"{name} takes {known[plain]} arguments, got {len(trees)}", wrong=True)
-        operands = [self.operand(argument) for argument in trees]
-        # those of stdlib.h convert their argument to an integer, unlike fabs
-        if plain in ("abs", "labs"):
-            kind = INT if plain == "abs" else LONG
-            return COperand(call_of(plain, *(converted(operand, kind) for operand in operands)), kind)
-        if plain in TESTS:
-            return COperand(call_of(plain, *(operand.tree for operand in operands)), INT)
-        # sinf takes and returns floats
-        kind = self.file.types.number("float") if plain != name else DOUBLE
-        self.note_precision(kind)
-        result = call_of(plain, *(converted(operand, kind) for operand in operands))
-        return COperand(rounded(result), kind) if kind.single else COperand(result, DOUBLE)
-
-    def _rounded_integer(self, name: str, tree: c_ast.Node) -> COperand:
-        """Translate lround and the like: the number rounded, as an integer."""
-        kind = LONG_LONG if name.startswith("ll") else self.file.types.number("long")
-        rule = "round" if name.endswith("round") else "rint"
-        return COperand(converted(COperand(call_of(rule, self.operand(tree).tree), DOUBLE), kind), kind)
+        return self.library_call(name, trees, tree)
 
     def returned_address(self, tree: c_ast.FuncCall) -> CPlace:
         if not self.passes_back(tree):

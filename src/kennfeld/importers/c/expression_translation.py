@@ -15,6 +15,7 @@ from kennfeld.importers.c.number_types import (
     DOUBLE,
     FLOAT,
     INT,
+    LONG_DOUBLE,
     LONG_LONG,
     UNSIGNED,
     CType,
@@ -108,9 +109,11 @@ class CExpressionTranslation(PlaceTranslation):
         return result
 
     def note_precision(self, kind: ObjectType | None) -> None:
-        """Note that numbers of a type are not rounded to single precision."""
+        """Note that numbers of a type are computed in another precision."""
         if kind is FLOAT:
             self.remarks["float is computed in double precision"] = None
+        if kind is LONG_DOUBLE:
+            self.remarks["long double is computed in double precision"] = None
 
     def _operand(self, tree: c_ast.Node) -> COperand:
         match tree:
@@ -291,9 +294,9 @@ class CExpressionTranslation(PlaceTranslation):
 
     def condition(self, tree: c_ast.Node) -> COperand:
         """Translate a condition; an address holds, as none of those that a function gets is assumed to be null."""
-        return COperand(m.Number(1.0), INT) if self._is_address(tree) else self.operand(tree)
+        return COperand(m.Number(1.0), INT) if self.is_address(tree) else self.operand(tree)
 
-    def _is_address(self, tree: c_ast.Node) -> bool:
+    def is_address(self, tree: c_ast.Node) -> bool:
         match tree:
             case c_ast.UnaryOp(op="&"):
                 return True
@@ -302,14 +305,14 @@ class CExpressionTranslation(PlaceTranslation):
                 is_array = isinstance(place, CPlace) or (not isinstance(place, int) and bool(place.sizes))
                 return is_array or (isinstance(place, CVariable) and place.is_pointer)
             case c_ast.StructRef():
-                place = self.place(tree)
-                return place.is_pointer or bool(place.sizes)
+                member, _ = self.apart(lambda: self.place(tree))
+                return member.is_pointer or bool(member.sizes)
         return False
 
     def _null_test(self, op: str, left: c_ast.Node, right: c_ast.Node) -> COperand | None:
         """Translate the comparison of an address with NULL; None for other operators."""
         for address, other in ((left, right), (right, left)):
-            if op in ("==", "!=") and _is_null(other) and self._is_address(address):
+            if op in ("==", "!=") and is_null(other) and self.is_address(address):
                 return COperand(m.Number(float(op == "!=")), INT)
         return None
 
@@ -378,7 +381,7 @@ class CExpressionTranslation(PlaceTranslation):
                 # a product of 32-bit words has up to 64 bits, more than a double holds
                 return COperand(_wrapped("multiply", kind, a, b), kind)
             case "/" | "%":
-                return self._fitted(call_of("quotient" if op == "/" else "remainder", a, b), kind)
+                return self._fitted(call_of("quotient" if op == "/" else "rest", a, b), kind)
             case "+" | "-" | "*":
                 return self._fitted(m.Binary(".*" if op == "*" else op, a, b), kind)
         raise UnsupportedCError(f"the operator {op} is not supported")
@@ -439,7 +442,7 @@ class CExpressionTranslation(PlaceTranslation):
                 return COperand(
                     rounded(m.Number(number_value)) if float_type.single else m.Number(number_value), float_type
                 )
-            return COperand(m.Number(number_value), DOUBLE)
+            return COperand(m.Number(number_value), DOUBLE if kind == "double" else LONG_DOUBLE)
         if kind in ("bool", "_Bool"):
             return COperand(m.Number(float(text == "true")), BOOL)
         raise UnsupportedCError("text is not supported")
@@ -462,8 +465,8 @@ def _is_single(tree: m.Number) -> bool:
         return float(np.float32(tree.value)) == tree.value
 
 
-def _is_null(tree: c_ast.Node) -> bool:
+def is_null(tree: c_ast.Node) -> bool:
     """Return True for 0, and for NULL as it is written or as headers define it."""
     if isinstance(tree, c_ast.Cast):
-        return _is_null(tree.expr)
+        return is_null(tree.expr)
     return (isinstance(tree, c_ast.ID) and tree.name == "NULL") or getattr(tree, "value", "") in ("0", "0L", "0U")

@@ -30,6 +30,17 @@ from kennfeld.models.imperative.exact_arithmetic import (
     remainder,
     round_to_even,
 )
+from kennfeld.models.imperative.floating_point import (
+    exponent_of,
+    fraction_of,
+    fused_product,
+    is_negative,
+    is_normal,
+    logarithm_of_exponent,
+    mantissa_of,
+    nearest_remainder,
+    scaled,
+)
 from kennfeld.models.imperative.graph_operators import INVERSE_HYPERBOLIC, ONE, operation
 from kennfeld.models.imperative.integer_types import EXACT, IntegerType
 from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, truncate
@@ -165,6 +176,16 @@ def _without_nan(name: str) -> Callable[..., Nodes]:
     return rule
 
 
+def _is_any_nan(builder: GraphBuilder, x: Nodes, y: Nodes) -> Nodes:
+    apply = Elementwise(builder)
+    return apply("or", apply("ne", x, x), apply("ne", y, y))
+
+
+def _are_unequal(builder: GraphBuilder, x: Nodes, y: Nodes) -> Nodes:
+    apply = Elementwise(builder)
+    return apply("or", apply("lt", x, y), apply("gt", x, y))
+
+
 _ONE_ARGUMENT: Final = (
     "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "log10", "sqrt", "floor", "ceil",
     "round",
@@ -189,12 +210,23 @@ _MATHEMATICS: Final = (
     RuleFunction("hypot", 2, elementwise(hypotenuse)),
     RuleFunction("copysign", 2, elementwise(copy_sign)),
     RuleFunction("fdim", 2, elementwise(lambda b, x, y: Elementwise(b)("max", Elementwise(b)("sub", x, y), 0.0))),
-    RuleFunction("fma", 3, elementwise(lambda b, x, y, z: Elementwise(b)("add", Elementwise(b)("mul", x, y), z))),
+    RuleFunction("fma", 3, elementwise(fused_product)),
+    RuleFunction("remainder", 2, elementwise(nearest_remainder)),
+    RuleFunction("logb", 1, elementwise(logarithm_of_exponent)),
+    RuleFunction("erf", 1, elementwise(operation("erf"))),
+    RuleFunction("exp10", 1, elementwise(lambda builder, x: Elementwise(builder)("pow", 10.0, x))),
 )
+_COMPARISONS: Final = {
+    "isgreater": "gt", "isgreaterequal": "ge", "isless": "lt", "islessequal": "le",
+}  # fmt: skip
 _TESTS: Final = (
     RuleFunction("isnan", 1, elementwise(lambda b, x: Elementwise(b)("ne", x, x))),
     RuleFunction("isinf", 1, elementwise(lambda b, x: Elementwise(b)("eq", Elementwise(b)("abs", x), math.inf))),
     RuleFunction("isfinite", 1, elementwise(lambda b, x: Elementwise(b)("lt", Elementwise(b)("abs", x), math.inf))),
+    RuleFunction("signbit", 1, elementwise(is_negative)),
+    *(RuleFunction(name, 2, elementwise(operation(op))) for name, op in _COMPARISONS.items()),
+    RuleFunction("islessgreater", 2, elementwise(_are_unequal)),
+    RuleFunction("isunordered", 2, elementwise(_is_any_nan)),
     RuleFunction("abs", 1, elementwise(ONE["abs"])),
     RuleFunction("labs", 1, elementwise(ONE["abs"])),
 )
@@ -204,7 +236,12 @@ _INTERNAL: Final = (
     RuleFunction("single", 1, elementwise(operation("single"))),
     RuleFunction("multiply", 4, _multiply),
     RuleFunction("quotient", 2, _quotient),
-    RuleFunction("remainder", 2, _remainder),
+    RuleFunction("rest", 2, _remainder),
+    RuleFunction("scaled", 2, elementwise(scaled)),
+    RuleFunction("exponent", 1, elementwise(exponent_of)),
+    RuleFunction("mantissa", 1, elementwise(mantissa_of)),
+    RuleFunction("normal", 2, lambda e, x, least: is_normal(e.builder, x, e.builder.value(int(least.item())) or 0.0)),
+    RuleFunction("fraction", 1, elementwise(fraction_of)),
     RuleFunction("and", 4, _bits("bitand")),
     RuleFunction("or", 4, _bits("bitor")),
     RuleFunction("xor", 4, _bits("bitxor")),

@@ -31,8 +31,8 @@ def read_function(
     declarations, source = file.declarations, file.source
     if function in declarations.unsupported:
         error = declarations.unsupported[function]
-        remedy = "Use numbers, structs, and their addresses as arguments."
-        raise InputError.of(source.location(error.line), error.message, remedy)
+        remedy = error.remedy or "Use numbers, structs, and their addresses as arguments."
+        raise InputError.of(source.location(error.line, error.column), error.message, remedy)
     if function not in declarations.functions:
         raise unknown_function(file, function)
     place = source.location(declarations.functions[function].line)

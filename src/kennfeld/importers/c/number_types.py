@@ -17,11 +17,16 @@ class UnsupportedCError(Exception):
         line: its line, 0 if it is not known yet.
         wrong: True if it is not valid C.
         name: the variable outside of functions that cannot be read, if it is that.
+        column: its column, 0 if it is not known.
+        remedy: what to do, if that is known.
     """
 
-    def __init__(self, message: str, line: int = 0, *, wrong: bool = False, name: str = "") -> None:
+    def __init__(
+        self, message: str, line: int = 0, *, wrong: bool = False, name: str = "", column: int = 0, remedy: str = ""
+    ) -> None:
         super().__init__(message)
         self.message, self.line, self.wrong, self.name = message, line, wrong, name
+        self.column, self.remedy = column, remedy
 
 
 @dataclass(frozen=True)
@@ -37,13 +42,14 @@ class CType:
     def bytes(self) -> int:
         """Its size."""
         if self.word is None:
-            return 4 if self.name == "float" else 8
+            return {"float": 4, "long double": 16}.get(self.name, 8)
         return self.word.bits // 8
 
 
 DOUBLE: Final = CType("double")
 FLOAT: Final = CType("float")
 SINGLE: Final = CType("float", single=True)
+LONG_DOUBLE: Final = CType("long double")
 BOOL: Final = CType("_Bool", IntegerType(8, False), truth=True)
 INT: Final = CType("int", IntegerType(32, True))
 ENUMERATION: Final = CType("enum", IntegerType(32, True))
@@ -92,7 +98,7 @@ def type_of_names(names: list[str], typedefs: Mapping[str, CType], line: int) ->
         return typedefs[names[0]]
     words = sorted(names)
     if "double" in words:
-        return DOUBLE
+        return LONG_DOUBLE if "long" in words else DOUBLE
     if words == ["_Bool"]:
         return BOOL
     bits = next((_BITS[word] for word in ("char", "short", "long") if word in words), 32)
@@ -131,6 +137,8 @@ def common_type(left: CType, right: CType) -> CType:
     """
     if left.word is None or right.word is None:
         reals = [kind for kind in (left, right) if kind.word is None]
+        if LONG_DOUBLE in reals:
+            return LONG_DOUBLE
         return reals[0] if all(kind.name == "float" for kind in reals) else DOUBLE
     # C11, 6.3.1.8: the wider type; of equally wide ones the unsigned one
     left, right = promoted(left), promoted(right)

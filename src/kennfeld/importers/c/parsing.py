@@ -8,7 +8,7 @@ from pycparser.c_parser import CParser, ParseError
 
 from kennfeld.base.errors import Findings, InputError
 from kennfeld.importers.c.declarations import CFile, read_declarations
-from kennfeld.importers.c.number_types import KNOWN_TYPES, CType
+from kennfeld.importers.c.number_types import KNOWN_TYPES, CType, UnsupportedCError
 from kennfeld.importers.c.preprocessing import CSource
 
 _MAX_RUNS: Final = 40  # of the parser
@@ -25,13 +25,15 @@ _KEYWORDS: Final = frozenset(
         *("sizeof", "static", "struct", "switch", "typedef", "union", "unsigned", "void", "volatile", "while", "_Bool"),
     ]
 )
+_DEFINITION: Final = re.compile(r"^(?=\w)[^(){};=]*?\b([A-Za-z_]\w*)\s*\([^(){};]*\)\s*\{", re.MULTILINE)
 _REMEDY: Final = "Macros and types of included files are not known unless the files are in the folder."
 
 
 def parse_source(source: CSource, known: Mapping[str, CType] | None = None) -> CFile:
     """Parse a text to its declarations.
 
-    A type that is not defined is taken as a struct whose members are not known; `known` are those of numbers.
+    A type that is not defined is taken as a struct whose members are not known; `known` are those of numbers. Functions
+    that are not C are listed as unsupported, as long as there are others.
 
     Raises:
         InputError: the text is not C; names all places.
@@ -40,44 +42,62 @@ def parse_source(source: CSource, known: Mapping[str, CType] | None = None) -> C
     lines = [line.text for line in source.lines]
     types = _AssumedTypes()
     remaining = _MAX_PARSED
+    broken: dict[str, UnsupportedCError] = {}
+    is_whole = True  # but for functions
     for run in range(_MAX_RUNS):
         parser, text = CParser(), _text(lines, types.names)
         try:
             tree = parser.parse(text, "c")
-            findings.finish()
-            return read_declarations(tree, len(KNOWN_TYPES) + len(types.names), known)
+            file = read_declarations(tree, len(KNOWN_TYPES) + len(types.names), known)
+            if not ((file.functions or file.unsupported) and is_whole):
+                findings.finish()
+            file.unsupported |= broken
+            return file
         except ParseError as error:
             line, column, message = _place(error, parser)
         except RecursionError:
             raise InputError.of(source.location(0), "it is nested too deeply", "Split its expressions.") from None
         remaining -= len(text)
         # an unknown word may be a type; else the function around the error is removed, to find further errors
-        if remaining > 0 and run + 1 < _MAX_RUNS and types.assume(lines, line):
+        if remaining > 0 and run + 1 < _MAX_RUNS and types.assume(lines, line, column):
             continue
-        findings.error(source.location(line, column), f"not valid C: {message[:120]}", _REMEDY)
-        if remaining <= 0 or not _remove(lines, line):
+        reason = f"not valid C: {message[:120]}"
+        findings.error(source.location(line, column), reason, _REMEDY)
+        removed = _remove(lines, line) if remaining > 0 else ""
+        if not removed:
             break
+        is_whole &= _is_function(removed)
+        for name in _defined_functions(removed):
+            broken[name] = UnsupportedCError(reason, line, column=column, remedy=_REMEDY)
     findings.finish()
     raise AssertionError
 
 
 class _AssumedTypes:
-    """Types that a text does not define, and the lines that need them."""
+    """Types that a text does not define."""
 
     def __init__(self) -> None:
-        self.names: dict[str, int] = {}
-        self._wrong: set[str] = set()
+        self.names: dict[str, None] = {}
+        self._tried: list[str] = []  # those assumed for the error at the place
+        self._place = (0, 0)
 
-    def assume(self, lines: list[str], line: int) -> bool:
-        """Take a word of a line as a type, if it can be one; return True if there is one that was not tried."""
-        last = next(reversed(self.names), "")
-        if last and self.names[last] >= line:  # which did not help
-            del self.names[last]
-            self._wrong.add(last)
-        name = next((n for n in _unknown_types(lines, line) if n not in self.names and n not in self._wrong), "")
+    def assume(self, lines: list[str], line: int, column: int) -> bool:
+        """Take a word of a line as a type, if it can be one; return True if there is one that was not tried.
+
+        An error may need several types, of a result and of arguments: they are kept together if it is gone, and
+        forgotten together if it stays.
+        """
+        if (line, column) > self._place:
+            self._place, self._tried = (line, column), []
+        name = next((name for name in _unknown_types(lines, line) if name not in self.names), "")
         if name:
-            self.names[name] = line
-        return bool(name)
+            self.names[name] = None
+            self._tried.append(name)
+            return True
+        for name in self._tried:
+            del self.names[name]
+        self._tried = []
+        return False
 
 
 def _text(lines: list[str], assumed: Iterable[str]) -> str:
@@ -105,11 +125,11 @@ def _unknown_types(lines: list[str], line: int) -> Iterator[str]:
                 yield match[1]
 
 
-def _remove(lines: list[str], line: int) -> bool:
-    """Remove the function or declaration around a line; return False if it cannot be found."""
+def _remove(lines: list[str], line: int) -> str:
+    """Remove the function or declaration around a line; return its text, which is empty if it cannot be found."""
     at = min(max(line - 1, 0), len(lines) - 1)
     if at < 0:
-        return False
+        return ""
     first, depth = 0, 0
     for number, text in enumerate(lines):
         start = depth
@@ -119,9 +139,20 @@ def _remove(lines: list[str], line: int) -> bool:
         # a declaration ends outside of braces: with ; or with the brace of a function
         ends = depth == 0 and (start > 0 or text.rstrip().endswith((";", "}")))
         if ends and number >= at:
-            removed = any(part.strip() for part in lines[first : number + 1])
+            removed = "\n".join(lines[first : number + 1]).strip()
             lines[first : number + 1] = [""] * (number + 1 - first)
             return removed
         if ends:
             first = number + 1
-    return False
+    return ""
+
+
+def _is_function(text: str) -> bool:
+    """Return True for a text that defines or declares functions, not variables or types."""
+    head = text.partition("{")[0]
+    return re.search(r"\w\s*\(", head) is not None and not re.search(r"=|\b(typedef|struct|union|enum)\s*\w*\s*$", head)
+
+
+def _defined_functions(text: str) -> list[str]:
+    """Return the names of the functions that a text defines."""
+    return [match[1] for match in _DEFINITION.finditer(text) if match[1] not in _KEYWORDS]

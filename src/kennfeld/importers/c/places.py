@@ -163,6 +163,10 @@ class PlaceTranslation:
         """Translate an index to one that counts from 1."""
         raise NotImplementedError
 
+    def is_address(self, tree: c_ast.Node) -> bool:
+        """Return True for an expression that is an address: an array, a pointer, or `&x`."""
+        raise NotImplementedError
+
     def object_place(self, tree: c_ast.Node) -> CPlace:
         """Return the place of an object without a name, such as a result that is a struct."""
         raise NotImplementedError
@@ -209,11 +213,13 @@ class PlaceTranslation:
                 return self._named(name, tree)
             case c_ast.StructRef(name=of, type=operator, field=c_ast.ID(name=member)):
                 return self._member(self.place(of), operator, str(member), tree)
-            case c_ast.ArrayRef(name=of, subscript=subscript):
-                return self._element(self.place(of), subscript, tree)
-            # *(a + i) is a[i]
-            case c_ast.UnaryOp(op="*", expr=c_ast.BinaryOp(op="+", left=left, right=right)):
-                return self._element(self.place(left), right, tree)
+            # *(a + i) is a[i], and so is i[a]
+            case (
+                c_ast.ArrayRef(name=left, subscript=right)
+                | c_ast.UnaryOp(op="*", expr=c_ast.BinaryOp(op="+", left=left, right=right))
+            ):
+                of, index = (right, left) if self.is_address(right) else (left, right)
+                return self._element(self.place(of), index, tree)
             case c_ast.UnaryOp(op="*", expr=c_ast.UnaryOp(op="&", expr=of)):
                 return self.place(of)
             case c_ast.UnaryOp(op="*", expr=of):

@@ -39,7 +39,13 @@ KNOWN_MACROS: Final = {
     "INT_MIN": "(-2147483647-1)", "INT_MAX": "2147483647", "UINT_MAX": "4294967295u",
     "CHAR_BIT": "8", "SCHAR_MAX": "127", "UCHAR_MAX": "255", "SHRT_MAX": "32767", "SHRT_MIN": "(-32768)",
     "USHRT_MAX": "65535",
+    **{f"PRI{kind}{bits}": f'"{kind}"' for kind in "diouxX" for bits in (8, 16, 32, 64)},
 }  # fmt: skip
+# those of stdint.h that give a literal the type of its name
+_LITERALS: Final = {
+    **{f"{sign}INT{bits}_C": end for bits in (8, 16, 32) for sign, end in (("", ""), ("U", "U" if bits == 32 else ""))},
+    **{f"{sign}INT{bits}_C": f"{sign}LL" for bits in ("64", "MAX") for sign in ("", "U")},
+}
 
 
 class SourceLine(NamedTuple):
@@ -77,7 +83,10 @@ class _Preprocessor:
     findings: Findings
     folder: Path
     macros: dict[str, Macro] = field(
-        default_factory=lambda: {name: Macro(tokens_of(text)) for name, text in KNOWN_MACROS.items()}
+        default_factory=lambda: {
+            **{name: Macro(tokens_of(text)) for name, text in KNOWN_MACROS.items()},
+            **{name: Macro(("c", "##", end) if end else ("c",), ("c",)) for name, end in _LITERALS.items()},
+        }
     )
     missing: dict[str, None] = field(default_factory=dict)
     result: list[SourceLine] = field(default_factory=list)

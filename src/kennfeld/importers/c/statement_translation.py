@@ -1,6 +1,6 @@
 """Translation of C functions to functions of the shared syntax tree."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -18,8 +18,8 @@ from kennfeld.importers.c.declarations import (
 from kennfeld.importers.c.expression_translation import COperand, converted
 from kennfeld.importers.c.initial_values import count_elements
 from kennfeld.importers.c.number_types import CType, UnsupportedCError
-from kennfeld.importers.c.object_translation import ObjectTranslation
 from kennfeld.importers.c.places import CPlace, Scope
+from kennfeld.importers.c.pointer_choices import PointerChoices, nodes_of
 from kennfeld.importers.c.struct_types import CStructType, enumeration_constants, enumerations
 from kennfeld.program import tree as m
 
@@ -29,21 +29,16 @@ _COUNTING: Final = ("++", "--", "p++", "p--")
 _SILENT: Final = frozenset({"printf", "assert", "puts", "fprintf", "fflush"})
 
 
-class FunctionTranslation(ObjectTranslation):
-    """Translates one function.
-
-    `statics` are the static variables that it declares; `problems` are the statements that are not supported.
-    """
+class FunctionTranslation(PointerChoices):
+    """Translates one function; `statics` are the static variables that it declares."""
 
     def __init__(self, file: CFile, function: CFunctionDeclaration, shared: Scope) -> None:
-        super().__init__(file)
-        self.function = function
+        super().__init__(file, function, shared)
         self.statics: list[StaticVariable] = []
-        self.problems: list[UnsupportedCError] = []
+        self._declared: dict[int, CVariable] = {}
         self._taken: dict[str, int] = {}
         self._addressed = set(_addressed(function.tree.body))
         self._reassigned = set(_reassigned(function.tree.body))
-        self.scopes = [shared, {}]
 
     def translate(self) -> m.FunctionDefinition:
         """Translate the function to the shared syntax tree."""
@@ -51,7 +46,7 @@ class FunctionTranslation(ObjectTranslation):
             self.scopes[-1][argument.variable.name] = argument.variable
             self._taken[argument.variable.name] = 1
             self.note_precision(argument.variable.type)
-        body = self._block(self.function.tree.body.block_items or ())
+        body = self.block(self.function.tree.body.block_items or ())
         # variables that keep their values are global names of the shared tree
         head = (m.Declaration("global", tuple(self.statics_used)),) if self.statics_used else ()
         written = (name for argument in self.function.outputs for name in argument.names)
@@ -62,36 +57,12 @@ class FunctionTranslation(ObjectTranslation):
 
     # statements
 
-    def _block(self, items: Iterable[c_ast.Node]) -> tuple[m.Statement, ...]:
-        self.scopes.append({})
-        result: list[m.Statement] = []
-        for item in items:
-            result += self._checked(item)
-        self.scopes.pop()
-        return tuple(result)
-
-    def _checked(self, item: c_ast.Node) -> list[m.Statement]:
-        """Translate a statement; note why it is not supported, so that all problems are reported at once."""
-        try:
-            return self._with_pending(lambda: self._statement(item))
-        except UnsupportedCError as error:
-            line = error.line or line_of(item)
-            self.problems.append(UnsupportedCError(error.message, line, wrong=error.wrong))
-            # statements of the part that was translated before the error
-            self.pending = []
-            return []
-
-    def _with_pending(self, translate: Callable[[], list[m.Statement]]) -> list[m.Statement]:
-        statements = translate()
-        pending, self.pending = self.pending, []
-        return [*pending, *statements]
-
     def _body(self, tree: c_ast.Node | None) -> tuple[m.Statement, ...]:
         if tree is None:
             return ()
-        return self._block(tree.block_items or () if isinstance(tree, c_ast.Compound) else (tree,))
+        return self.block(tree.block_items or () if isinstance(tree, c_ast.Compound) else (tree,))
 
-    def _statement(self, tree: c_ast.Node) -> list[m.Statement]:
+    def statement(self, tree: c_ast.Node) -> list[m.Statement]:
         place = m.TextPosition(line_of(tree))
         match tree:
             case c_ast.EmptyStatement() | c_ast.Pragma():
@@ -104,11 +75,11 @@ class FunctionTranslation(ObjectTranslation):
             case c_ast.Decl() | c_ast.DeclList():
                 return self._declarations(tree)
             case c_ast.Assignment():
-                return self.assignment(tree)
+                return [] if self.set_pointer(tree) else self.assignment(tree)
             case c_ast.UnaryOp(op=("++" | "--" | "p++" | "p--") as op, expr=target):
                 return [self.stepped(op, target, place.line)]
             case c_ast.ExprList(exprs=exprs):
-                return [statement for expr in exprs for statement in self._statement(expr)]
+                return [statement for expr in exprs for statement in self.statement(expr)]
             case c_ast.FuncCall():
                 return self._call_statement(tree)
             case c_ast.If(cond=condition, iftrue=yes, iffalse=no):
@@ -122,7 +93,7 @@ class FunctionTranslation(ObjectTranslation):
             case c_ast.Switch():
                 return self._switch(tree)
             case c_ast.Label(stmt=labelled):  # where no goto leads
-                return self._statement(labelled)
+                return self.statement(labelled)
             case c_ast.Break():
                 return [m.Jump("break", place=place)]
             case c_ast.Continue():
@@ -195,7 +166,10 @@ class FunctionTranslation(ObjectTranslation):
         is_static = "static" in tree.storage
         # a pointer is not stored: its name stands for the place that it leads to
         if isinstance(tree.type, c_ast.PtrDecl) and not is_static:
-            self.scopes[-1][tree.name] = self._alias(tree)
+            self.declare_pointer(tree)
+            return []
+        if is_static and id(tree) in self._declared:  # by the first of several translations
+            self.scopes[-1][tree.name] = self._declared[id(tree)]
             return []
         self._taken[tree.name] = self._taken.get(tree.name, 0) + 1
         # a variable of an inner block may hide one of the same name: a number keeps both apart
@@ -206,21 +180,12 @@ class FunctionTranslation(ObjectTranslation):
         variable = variable_of(tree, owned, self.file, count_elements(tree.init, self.file.types.constants))
         if is_static:
             self.statics += self.static_parts(tree, variable, f"{self.function.name}.{tree.name}")
-            self.scopes[-1][tree.name] = variable
+            self.scopes[-1][tree.name] = self._declared[id(tree)] = variable
             return []
         statements = self._first_assignments(tree, variable)
         self.note_precision(variable.type)
         self.scopes[-1][tree.name] = variable
         return statements
-
-    def _alias(self, tree: c_ast.Decl) -> CPlace:
-        """Return the address that a pointer holds from its declaration on."""
-        if tree.init is None or tree.name in self._reassigned:
-            raise UnsupportedCError(f"the pointer {tree.name} must be set once, where it is declared", line_of(tree))
-        # the address keeps the indices that it was taken with, although their variables may change afterwards
-        place = self.frozen(self.address(tree.init), line_of(tree))
-        is_constant = place.is_constant or self.file.types.declared(tree).is_constant
-        return replace(place, is_constant=is_constant)
 
     def _first_assignments(self, tree: c_ast.Decl, variable: CVariable) -> list[m.Statement]:
         """Return the statements that give a local variable its first values."""
@@ -249,12 +214,15 @@ class FunctionTranslation(ObjectTranslation):
         self.scopes.append({})
         start: list[m.Statement] = []
         if isinstance(tree, c_ast.For) and tree.init is not None:
-            start = self._with_pending(lambda: self._statement(tree.init))
+            start = self.with_pending(lambda: self.statement(tree.init))
+            for part in (tree.cond, tree.stmt, tree.next):  # an address of the first pass may not be that of the second
+                if part is not None:
+                    self.forget_pointers(part)
         end = self._loop_end(tree)
         body = self._body(tree.stmt)
         step: list[m.Statement] = []
         if isinstance(tree, c_ast.For) and tree.next is not None:
-            step = self._with_pending(lambda: self._statement(tree.next))
+            step = self.with_pending(lambda: self.statement(tree.next))
         self.scopes.pop()
         if isinstance(tree, c_ast.DoWhile):
             return [*start, *self._again(tree, end, body, ())]
@@ -276,7 +244,7 @@ class FunctionTranslation(ObjectTranslation):
             leave = m.Branch(m.Unary("~", holds), (m.Jump("break", place=place),), place=place)
             return [m.If((leave,), place=place)]
 
-        return self._with_pending(translate)
+        return self.with_pending(translate)
 
     def _again(
         self,
@@ -323,6 +291,7 @@ class FunctionTranslation(ObjectTranslation):
             # `case 1: case 2:` share the statements behind the last of them
             if not case.stmts and at + 1 < len(cases):
                 continue
+            self.forget_pointers(tree)  # that other cases set
             body = self._case(_followed(cases[at:]), place)
             if is_default:
                 otherwise = body  # where its other keys lead as well
@@ -334,7 +303,7 @@ class FunctionTranslation(ObjectTranslation):
 
     def _case(self, statements: Sequence[c_ast.Node], place: m.TextPosition) -> tuple[m.Statement, ...]:
         """Translate the statements of a case; with a break under a condition, as a loop of one pass."""
-        body = self._block(statements)
+        body = self.block(statements)
         if not any(_has_jump(statement, c_ast.Break) for statement in statements):
             return body
         if any(_has_jump(statement, c_ast.Continue) for statement in statements):
@@ -413,7 +382,7 @@ def _has_jump(tree: c_ast.Node | None, kind: type[c_ast.Node]) -> bool:
 
 def _addressed(tree: c_ast.Node) -> Iterator[str]:
     """Yield the names of variables whose addresses are taken, and of structs."""
-    for node in _nodes(tree):
+    for node in nodes_of(tree):
         if isinstance(node, c_ast.UnaryOp) and node.op == "&":
             of = node.expr
             while isinstance(of, c_ast.StructRef | c_ast.ArrayRef):
@@ -424,20 +393,12 @@ def _addressed(tree: c_ast.Node) -> Iterator[str]:
 
 def _reassigned(tree: c_ast.Node) -> Iterator[str]:
     """Yield the names of variables that are assigned as a whole behind their declaration."""
-    for node in _nodes(tree):
+    for node in nodes_of(tree):
         target = node.lvalue if isinstance(node, c_ast.Assignment) else None
         if isinstance(node, c_ast.UnaryOp) and node.op in ("++", "--", "p++", "p--"):
             target = node.expr
         if isinstance(target, c_ast.ID):
             yield str(target.name)
-
-
-def _nodes(tree: c_ast.Node) -> Iterator[c_ast.Node]:
-    waiting = [tree]
-    while waiting:
-        node = waiting.pop()
-        yield node
-        waiting += [child for _, child in node.children()]
 
 
 def _statement_name(tree: c_ast.Node) -> str:

@@ -12,7 +12,7 @@ from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Block, Parameter, Scalar, parameter
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.importers.simulink.variables.mask_scope import Variable, nested_field
+from kennfeld.importers.simulink.variables.mask_scope import Variable, nested_field, split_index
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.imperative.node_arrays import Nodes, Numbers
 from kennfeld.models.imperative.symbolic_values import constants
@@ -98,10 +98,11 @@ class DeclaredParameters:
     def _top_level_numbers(self, name: str) -> Numbers | None:
         """Return the numbers that a name has in the top model, or None."""
         path = [name] if name in self.whole else name.split(".")
-        if path[0] not in self.whole:
+        whole = self.whole.get(split_index(path[0])[0]) if len(path) > 1 else self.whole.get(name)
+        if whole is None:
             return None
         try:
-            value = nested_field(self.whole[path[0]].value, path)
+            value = nested_field(whole.value, path)
         except EvaluationError:
             return None
         return value if isinstance(value, np.ndarray) else None

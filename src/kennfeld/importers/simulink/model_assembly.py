@@ -4,13 +4,13 @@ from functools import cached_property
 
 from kennfeld.base.errors import Location
 from kennfeld.graph import CLOCK
-from kennfeld.importers.simulink.flattening.flat_model import SINK_TYPES, FlatBlock, FlatModel
+from kennfeld.importers.simulink.flattening.flat_model import RECORDING_TYPES, SINK_TYPES, FlatBlock, FlatModel
 from kennfeld.importers.simulink.lowering.compiler import BlockCompiler
 from kennfeld.importers.simulink.reader.block_ports import port_label
 from kennfeld.importers.simulink.reader.dialog_words import match_word
 from kennfeld.importers.simulink.signals import Bus, leaf_signals
 
-RESULTS = ("Outport", "ToWorkspace", *SINK_TYPES)
+RESULTS = ("Outport", *RECORDING_TYPES, *SINK_TYPES)
 _PASSING = ("DataTypeConversion", "RateTransition", "SignalConversion", "SignalSpecification")
 
 
@@ -104,7 +104,7 @@ def _results(flat: FlatBlock) -> list[tuple[int, str]]:
     """Return number and name of the signals of an outport, or of a block that records or displays some."""
     if flat.type == "Outport":
         return [(0, port_label(flat.block))]
-    if flat.type == "ToWorkspace":
+    if flat.type in RECORDING_TYPES:
         return [(0, flat.block.value("VariableName") or flat.path)]
     ports = [(port, source) for port, source in enumerate(flat.inputs) if source is not None]
     return [(port, flat.input_names.get(port) or source.flat.path) for port, source in ports]

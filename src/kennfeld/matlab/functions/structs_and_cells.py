@@ -22,6 +22,8 @@ def _struct_argument(call: NumericArguments) -> v.MatlabStruct:
 
 @function("struct", 0, MANY)
 def _struct(call: NumericArguments) -> v.Value:
+    if len(call) == 1 and isinstance(call[0], np.ndarray) and not call[0].size:
+        return v.MatlabStruct(v.object_array([], (0, 0)))  # struct([]) is an array of no structs
     if len(call) % 2:
         raise v.MatlabValueError("a field has no value")
     names = [call.text(at) for at in range(0, len(call), 2)]

@@ -62,8 +62,12 @@ def index_value(
         text = np.array([[ord(item) for item in value]], dtype=np.int64)
         chosen = _elements(evaluator, text, evaluator.index_values(text, trees), message, fixed=True)
         return "".join(chr(int(item)) for item in chosen.ravel(order="F"))
-    if isinstance(value, MatlabStruct) and all(is_one(evaluator, tree) for tree in trees):
-        return value
+    if isinstance(value, MatlabStruct):
+        if value.elements.size == 1 and all(is_one(evaluator, tree) for tree in trees):
+            return value
+        places = evaluator.index_values(value.elements, trees)
+        chosen = _elements(evaluator, value.elements, places, message, fixed=True)
+        return MatlabStruct(chosen, value.names, value.kind)
     array = s.as_array(value, message)
     if not trees:
         return array
@@ -210,6 +214,7 @@ def _with_field(current: s.SymbolicValue | None, name: str, value: s.SymbolicVal
         return MatlabStruct.of({name: value})
     if not isinstance(current, MatlabStruct):
         raise ProgramError(f"assignment to the field {name} of {s.describe(current)}")
+    s.check_single(current)
     return MatlabStruct.of({**current.fields, name: value})
 
 
@@ -234,7 +239,8 @@ def _with_elements(
     evaluator: SymbolicEvaluator, current: s.SymbolicValue | None, trees: Sequence[m.Expression], value: s.SymbolicValue
 ) -> s.SymbolicValue:
     if isinstance(current, MatlabStruct) or isinstance(value, MatlabStruct):
-        if all(is_one(evaluator, tree) for tree in trees):
+        is_array = isinstance(current, MatlabStruct) and current.elements.size != 1
+        if not is_array and all(is_one(evaluator, tree) for tree in trees):
             return value
         raise ProgramError("arrays of structs are not supported")
     old = s.EMPTY if current is None else s.as_array(current, "the target of an assignment")

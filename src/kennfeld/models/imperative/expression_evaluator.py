@@ -239,7 +239,7 @@ class ExpressionEvaluator:
         return self.apply("add", first, s.constants(self.builder, steps))
 
     def _matrix(self, rows: tuple[m.Expressions, ...]) -> s.SymbolicValue:
-        elements = [[s.force(self.value(element)) for element in row] for row in rows]
+        elements = [[part for element in row for part in self._listed(element)] for row in rows]
         flat = [element for row in elements for element in row]
         if len(flat) > 1 and any(isinstance(element, s.String) for element in flat):
             raise ProgramError("arrays of strings are not supported", "Use single quotes.")
@@ -257,6 +257,16 @@ class ExpressionEvaluator:
         if logical and whole.size:
             return s.as_logical(whole)
         return s.integers(whole, s.word_of(*(element for row in arrays for element in row)))
+
+    def _listed(self, tree: m.Expression) -> list[s.SymbolicValue]:
+        """Return the values of an expression within brackets: several for a field of an array of structs."""
+        try:
+            return [s.force(self.value(tree))]
+        except s.StructArrayError:
+            holder = s.force(self.value(tree.of)) if isinstance(tree, m.Field) else None
+            if not (isinstance(tree, m.Field) and isinstance(holder, MatlabStruct) and tree.name in holder.names):
+                raise
+            return [s.force(element[tree.name]) for element in holder.elements.ravel(order="F")]
 
     def _cells(self, rows: tuple[m.Expressions, ...]) -> MatlabCell:
         result = [[self.value(element) for element in row] for row in rows if row]
@@ -348,7 +358,8 @@ class ExpressionEvaluator:
             value = self.body.names.get(tree.name)
         elif isinstance(tree, m.Field) and dotted_name(tree.of) and dotted_name(tree).split(".")[0] in self.body.names:
             of = self.value(tree.of)
-            value = of.fields.get(tree.name) if isinstance(of, MatlabStruct) else None
+            is_single = isinstance(of, MatlabStruct) and of.elements.size == 1
+            value = of.fields.get(tree.name) if isinstance(of, MatlabStruct) and is_single else None
         return value if isinstance(value, s.DeferredValue) and value.name else None
 
     def _function(self, name: str) -> m.FunctionDefinition | None:

@@ -151,7 +151,11 @@ class _StateMerge:
         match yes, no:
             case np.ndarray(), np.ndarray():
                 return self._arrays(name, yes, no)
-            case MatlabStruct(), MatlabStruct() if set(yes.fields) == set(no.fields):
+            case MatlabStruct(), MatlabStruct() if yes.elements is no.elements:
+                return yes
+            case MatlabStruct(), MatlabStruct() if (
+                set(yes.fields) == set(no.fields) and yes.elements.size == no.elements.size == 1
+            ):
                 return MatlabStruct.of(
                     {key: self.held(f"{name}.{key}", yes.fields[key], no.fields[key]) for key in yes.fields}
                 )

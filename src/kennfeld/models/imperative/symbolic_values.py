@@ -126,6 +126,10 @@ def as_array(value: SymbolicValue, message: str = "it") -> Nodes:
     raise ProgramError(f"{message} is {describe(value)}, not a number")
 
 
+class StructArrayError(ProgramError):
+    """A field of an array of structs, which has several values."""
+
+
 def force(value: SymbolicValue) -> SymbolicValue:
     """Return a value, computing it if deferred."""
     while isinstance(value, DeferredValue):
@@ -150,14 +154,23 @@ def field_of(value: SymbolicValue, name: str, message: str = "it") -> SymbolicVa
         raise ProgramError(value.why, value.remedy)
     if not isinstance(value, MatlabStruct):
         raise ProgramError(f"{message} is {describe(value)}, which has no field {name}")
+    check_single(value, message)
     if name not in value.fields:
         raise ProgramError(f"{message} has no field {name}; it has {', '.join(list(value.fields)[:8]) or 'none'}")
     return force(value.fields[name])
 
 
+def check_single(value: MatlabStruct, message: str = "it") -> None:
+    """Raise `ProgramError` for an array of structs, whose fields have several values."""
+    if value.elements.size != 1:
+        count = value.elements.size
+        raise StructArrayError(f"{message} is an array of {count} structs, of which one must be selected")
+
+
 def leaf_arrays(value: SymbolicValue) -> Iterator[Nodes]:
     """Yield the arrays within a value, in order; raises `ProgramError` if it contains anything else."""
     if isinstance(value, MatlabStruct):
+        check_single(value)
         for name in value.fields:
             yield from leaf_arrays(field_of(value, name))
     elif isinstance(value, MatlabCell):

@@ -62,11 +62,16 @@ class EndWarnings:
     outputs: OutputLimits | None = None
 
     def find(
-        self, quality: Sequence[Quality], certificate: Certificate | None, misleading: Int | None
+        self,
+        fitted: ParameterSet,
+        quality: Sequence[Quality],
+        certificate: Certificate | None,
+        misleading: Int | None,
     ) -> tuple[Finding, ...]:
         """Return all warnings.
 
         Args:
+            fitted: the parameters at the end.
             quality: of all criteria on all datasets.
             certificate: of an end that counts as converged, if there is one.
             misleading: see `misleading_values`; None if slopes do not matter, because the data are met exactly or the
@@ -79,7 +84,6 @@ class EndWarnings:
         smooth = outweighed and self.compiled.roughness.cost(start) > 0
         share = admissible_share(self.compiled, self.limits, values, before) if smooth else None
         steep = steepness(self.compiled.residuals, int(self.limits.movable.sum()))
-        fitted = self.compiled.parameters(values)
         moved, in_steps = not np.array_equal(values, start), bool(self.options.steps)
         unsmoothed = self.options.continuation == "off" and smoothable(problem)
         slopes = tuple(find_slopes(certificate, steep, moved=moved, in_steps=in_steps, unsmoothed=unsmoothed))

@@ -63,6 +63,8 @@ def _null_space(objective: LeastSquaresObjective, values: Float, limits: LinearL
     if moving.size < 2 or not np.all(np.isfinite(lengths)):
         return np.zeros((0, values.size))
     spectrum = Spectrum.of_rows(jacobian[:, moving], ALIKE)
+    if not spectrum.null.size:
+        return np.zeros((0, values.size))
     null = np.zeros((spectrum.null.shape[1], values.size))
     # each the only one with a part in some value
     null[:, moving] = echelon(spectrum.null, pivots(spectrum.null)).T / spectrum.scale

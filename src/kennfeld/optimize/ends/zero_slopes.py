@@ -8,7 +8,6 @@ would stay equal, and those with a constant output may lose all slopes in the fi
 """
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 
 import numpy as np
 
@@ -49,15 +48,18 @@ class Departure:
         )
 
 
-def departure(compiled: CompiledProblem, start: Float, limits: LinearLimits) -> Departure | None:
+def departure(
+    objective: LeastSquaresObjective, compiled: CompiledProblem, start: Float, limits: LinearLimits
+) -> Departure | None:
     """Return a departure from a start that cannot move; None if it can, or if nothing within the limits helps.
 
     Args:
+        objective: the cost of the problem.
         compiled: the problem.
         start: free values that keep the limits, Float[values].
         limits: bounds and linear limits, including locks and pins.
     """
-    search = _StartSearch(compiled, start, limits)
+    search = _StartSearch(objective, compiled, start, limits)
     stuck = search.stuck(start) | search.equal(start)
     return search.departure(stuck) if stuck.any() else None
 
@@ -65,8 +67,10 @@ def departure(compiled: CompiledProblem, start: Float, limits: LinearLimits) -> 
 class _StartSearch:
     """The search for as few parameters as possible that set the others free."""
 
-    def __init__(self, compiled: CompiledProblem, start: Float, limits: LinearLimits) -> None:
-        self.compiled, self.start, self.limits = compiled, start, limits
+    def __init__(
+        self, objective: LeastSquaresObjective, compiled: CompiledProblem, start: Float, limits: LinearLimits
+    ) -> None:
+        self.objective, self.compiled, self.start, self.limits = objective, compiled, start, limits
         problem, offsets = compiled.problem, compiled.values.offsets
         self.layers = problem.model.graph.layers
         self.columns = {
@@ -76,10 +80,6 @@ class _StartSearch:
         for columns in self.columns.values():
             self.movable[columns] = limits.movable[columns]
         self.pattern = 1 + np.modf(np.arange(1, start.size + 1) * 0.618034)[0]  # from 1 to 2, no two alike
-
-    @cached_property
-    def objective(self) -> LeastSquaresObjective:
-        return LeastSquaresObjective(self.compiled)
 
     def equal(self, values: Float) -> Bool:
         """Mark all weights of layers that are 0 throughout, with neurons that stay equal although they may move."""

@@ -199,7 +199,7 @@ class FitRun:
             fixed_values=values - free_values,
             seconds=Seconds(self.read + time.perf_counter() - self.began, self.read, self.compile, optimize),
             inspection=self._assessment(end, informed),
-            warnings=self._warnings(end, limits, scores.quality, certificate),
+            warnings=self._warnings(end, fitted, limits, scores.quality, certificate),
             certificate=certificate,
         )
         rounding = self.problem.rounding
@@ -262,7 +262,7 @@ class FitRun:
         if start is None or self.options.method == "global" or self.objective.cost(start) == 0:
             return start, remark
         # a global search does not begin at the start, and a cost of 0 cannot be lowered
-        off = departure(self.exact, start, limits)
+        off = departure(self.objective, self.exact, start, limits)
         return (start, remark) if off is None else (off.values, " ".join(filter(None, (remark, str(off)))))
 
     @cached_property
@@ -403,7 +403,12 @@ class FitRun:
         return certificate and certificate._replace(limits=max(limits.violation(end.values), excess))
 
     def _warnings(
-        self, end: SolverResult, limits: LinearLimits, quality: Sequence[Quality], certificate: Certificate | None
+        self,
+        end: SolverResult,
+        fitted: ParameterSet,
+        limits: LinearLimits,
+        quality: Sequence[Quality],
+        certificate: Certificate | None,
     ) -> tuple[Finding, ...]:
         changing = changing_results(self.problem.graph.nodes)
         if end.status in ("infeasible", "failed"):
@@ -411,7 +416,7 @@ class FitRun:
         warnings = EndWarnings(self.exact, self.objective, limits, self.options, end, self.outputs)
         sloped = self.options.method != "global" and not self._is_solved(end, self.objective.start)
         misleading = self._misleading(end.values, limits) if sloped else None
-        return changing + warnings.find(quality, certificate if end.status == "converged" else None, misleading)
+        return changing + warnings.find(fitted, quality, certificate if end.status == "converged" else None, misleading)
 
     def _is_solved(self, end: SolverResult, start: Float) -> bool:
         """Return if the errors at the end are rounding, compared with those at the start."""

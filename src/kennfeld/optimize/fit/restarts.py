@@ -10,7 +10,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.optimize.ends.kinks import values_at_kinks
 from kennfeld.optimize.ends.ridges import lower_values
 from kennfeld.optimize.ends.runaways import run_away
-from kennfeld.optimize.ends.zero_slopes import departure
+from kennfeld.optimize.ends.zero_slopes import Departure, departure
 from kennfeld.optimize.fit.descent_strategy import DescentSetup, minimise
 from kennfeld.optimize.limits.projection import FEASIBLE
 from kennfeld.optimize.solver.levenberg_marquardt import SolverResult, is_rounding, levenberg_marquardt
@@ -61,13 +61,16 @@ class Restarts:
             end.status == "converged" and not self.setup.is_global and not is_rounding(self.setup.objective, end.cost)
         )
 
+    def _departure(self, end: SolverResult) -> Departure | None:
+        return departure(self.setup.objective, self.setup.exact, end.values, self.limits)
+
     def _leave_saddles(self, end: SolverResult) -> SolverResult:
         """Search again from points at which values cannot move; failed if all searches lead to such points."""
         ends = [end]
         for _ in range(MAX_DEPARTURES):
             if not self._leaves_errors(end):
                 break
-            off = departure(self.setup.exact, end.values, self.limits)
+            off = self._departure(end)
             if off is None:
                 break
             ends.append(minimise(self.setup, off.values, self.limits))
@@ -76,7 +79,7 @@ class Restarts:
             end = ends[-1]
         else:
             # the last restart may have ended at a point that is not stuck
-            if end.status == "converged" and (off := departure(self.setup.exact, end.values, self.limits)) is not None:
+            if end.status == "converged" and (off := self._departure(end)) is not None:
                 message = (
                     f"The derivatives with respect to {' and '.join(off.stuck)} vanish again after each restart. "
                     "Set another start, or bounds without 0."

@@ -1,7 +1,7 @@
 """A calibration problem: model, data, parameters and criteria, with nothing compiled yet."""
 
 import pickle
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import field, fields, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
@@ -19,6 +19,7 @@ from kennfeld.domain.free_axes import AxisKey, FreeAxis, free_axes, key_of
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.storage import StorageRounding
 from kennfeld.graph import Graph, GraphBuilder
+from kennfeld.graph.lookup_lowering import LoweredGraph, lower_lookups
 from kennfeld.graph.traversal import ancestors_in_time
 from kennfeld.models import Model
 from kennfeld.optimize.problem.limit_nodes import keeps_pieces
@@ -30,12 +31,14 @@ from kennfeld.optimize.problem.partitions import (
     shared_content,
     without_values,
 )
+from kennfeld.optimize.problem.structure import Structure, structure_of
 from kennfeld.optimize.problem.table_penalties import Restraint
 from kennfeld.preprocessing.binding import BoundDataset, bind_inputs
 from kennfeld.preprocessing.bound_parts import BoundPart, divide
 from kennfeld.preprocessing.sample_weights import has_weight
 from kennfeld.preprocessing.settling import average_window, needs_average
 
+_Scored = tuple[str, str | None, bool]  # a node, that of its target, and whether their difference is averaged
 Place = tuple[str, tuple[float, ...]]  # a parameter, and coordinates in it
 
 T = TypeVar("T")  # Python 3.11
@@ -120,7 +123,7 @@ class Problem:
         """The training data with a weight."""
         return [data for data in self.datasets if data.is_fitted]
 
-    @property
+    @cached_property
     def free_size(self) -> int:
         """Number of values of the free parameters, including locked ones."""
         return sum(self.parameters[name].size for name in self.free_names)
@@ -128,14 +131,19 @@ class Problem:
     @cached_property
     def free_axes(self) -> Mapping[AxisKey, FreeAxis]:
         """The axes whose breakpoints are fitted: those marked as free that a free parameter uses."""
-        axes = free_axes(self.parameters)
+        axes = self._movable_axes
         return {key: axis for key, axis in axes.items() if any(name in self.free_names for name, _ in axis.places)}
+
+    @cached_property
+    def _movable_axes(self) -> Mapping[AxisKey, FreeAxis]:
+        """The axes that are marked as free in any table, used or not."""
+        return free_axes(self.parameters)
 
     @property
     def idle_axes(self) -> list[AxisKey]:
         """Axes of the function's tables that are marked as free, but on which nothing is fitted."""
-        used, axes = self.model.graph.parameters, free_axes(self.parameters)
-        unfitted = {key: axis for key, axis in axes.items() if key not in self.free_axes}
+        used = self.model.graph.parameters
+        unfitted = {key: axis for key, axis in self._movable_axes.items() if key not in self.free_axes}
         return [key for key, axis in unfitted.items() if any(name in used for name, _ in axis.places)]
 
     @property
@@ -202,7 +210,7 @@ class Problem:
         """Return the problem of some of its data, with the graph that all of them need."""
         problem = replace(self, datasets=datasets)
         # whether a target is a channel or a node depends on all data, not on these
-        problem.__dict__.update(graph=self.graph, _made=self._made)
+        problem.__dict__.update(graph=self.graph, structure=self.structure, _made=self._made)
         return problem
 
     @cached_property
@@ -239,15 +247,24 @@ class Problem:
 
         If steady-state points are averaged over the end of their settling, it is the mean of the difference.
         """
-        b = GraphBuilder.of(self.model.graph)
-        names = dict(self.model.graph.names)
+        return self.model.once("scored", self._scored, lambda: _scored_graph(self.model.graph, self._scored))
+
+    @cached_property
+    def _scored(self) -> tuple[_Scored, ...]:
+        """The node of each criterion, that of its target, and whether their difference is averaged."""
         averaging = needs_average(self.model.graph, self.datasets)
-        for i, criterion in enumerate(self.criteria):
-            node = names[criterion.node]
-            other = self.target_node(criterion)
-            scored = node if other is None else b.call("sub", node, names[other])
-            names[difference(i)] = average_window(b, scored) if averaging and not criterion.internal else scored
-        return b.finish(names, self.model.graph.units, self.model.graph.outputs)
+        return tuple((c.node, self.target_node(c), averaging and not c.internal) for c in self.criteria)
+
+    @cached_property
+    def structure(self) -> Structure | None:
+        """All that the code of the graph depends on besides the model; None if more may count. See `Model.once`."""
+        parameters = structure_of(self.graph, self.parameters, self._movable_axes)
+        return parameters and (self._scored, *parameters)
+
+    @cached_property
+    def lowered(self) -> LoweredGraph:
+        """The graph with its lookups lowered onto the axes of the parameters, none of them smoothed."""
+        return self.model.once("lowered", self.structure, lambda: lower_lookups(self.graph, self.parameters))
 
     def target_node(self, criterion: Criterion) -> str | None:
         """Return the name of the target of a criterion if it is a node, else None."""
@@ -292,6 +309,14 @@ class Problem:
         factors = self.smoothness.get(name, 0.0)
         single = isinstance(factors, str) or not isinstance(factors, Sequence)
         return (factors,) * len(self.parameters[name].axes) if single else factors  # type: ignore[return-value]
+
+
+def _scored_graph(graph: Graph, scored: Iterable[_Scored]) -> Graph:
+    b, names = GraphBuilder.of(graph), dict(graph.names)
+    for i, (node, other, averaged) in enumerate(scored):
+        at = names[node] if other is None else b.call("sub", names[node], names[other])
+        names[difference(i)] = average_window(b, at) if averaged else at
+    return b.finish(names, graph.units, graph.outputs)
 
 
 def run_on_problem(shared: bytes, item: bytes, arguments: bytes) -> Any:

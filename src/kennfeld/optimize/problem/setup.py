@@ -331,8 +331,8 @@ def _parts(data: Data | Sequence[Data]) -> Sequence[Data]:
 
 
 def _as_datasets(data: Data | Sequence[Data], use: Use, graph: Graph, used: Collection[str]) -> list[Dataset]:
-    parts = enumerate(_parts(data))
-    return [replace(to_dataset(part, f"{use}{i or ''}", graph, used), use=use) for i, part in parts]
+    datasets = [to_dataset(part, f"{use}{i or ''}", graph, used) for i, part in enumerate(_parts(data))]
+    return [each if each.use == use else replace(each, use=use) for each in datasets]
 
 
 def _output(model: Model, node: str | None) -> str:

@@ -56,6 +56,8 @@ class Roughness:
     def of(cls, parameters: ParameterSet, values: ValueLayout, smoothness: Factors) -> "Roughness":
         """Return the penalty of the free parameters with these factors, one per axis."""
         columns, coefficients = [np.zeros((0, 3), dtype=np.int64)], [np.zeros((0, 3))]
+        if not any(map(any, smoothness.values())):
+            return cls(values.free, columns[0], coefficients[0])
         for name, factors in smoothness.items():
             at = values.offsets.get(name, values.free)
             for axis, factor in enumerate(factors):

@@ -229,7 +229,11 @@ def _recordings(problem: Problem, pairs: Sequence[tuple[Dataset, "_PartSums"]]) 
 
 
 def _compile_differences(problem: Problem) -> NodeSimulator:
-    return NodeSimulator(problem.graph, problem.parameters, problem.differences)
+    return problem.model.once(
+        "differences",
+        problem.structure,
+        lambda: NodeSimulator.of_lowered(problem.lowered, problem.parameters, problem.differences),
+    )
 
 
 def _sum_partition(problem: Problem, before: ParameterSet, after: ParameterSet) -> dict[str, "_PartSums"]:

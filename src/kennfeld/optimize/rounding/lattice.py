@@ -18,7 +18,7 @@ from kennfeld.graph.value_layout import ValueLayout
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.solver.linear_constraints import LinearLimits, LinearRows
 
-PULL = 0.07  # of the mean diagonal
+PULL = 0.03  # of the mean diagonal
 SLACK = 1e-9  # of a step, or of the size of a row's terms, that is rounding
 
 

@@ -188,8 +188,14 @@ def _limits(lattice: Lattice, limits: LinearLimits, values: Float) -> Iterator[F
     missed = limits.violations(values, limits.sizes(values)) > FEASIBLE
     for row in np.flatnonzero(missed)[:MAX_LISTED]:
         reached, wanted = float(limits.rows.times(values)[row]), float(limits.rows.lower[row])
-        message = f"{limits.rows.names[row]} is {reached:.6g} instead of {wanted:.6g}, the nearest that storage allows"
-        yield Finding(Location(), message, "Pin a value that is a multiple of the step.", severity="warning")
+        message = f"{limits.rows.names[row]} is {reached:.6g} instead of {wanted:.6g}"
+        if np.count_nonzero(limits.rows.coefficients[row] * limits.movable[limits.rows.columns[row]]) > 1:
+            message += ", as close as half a step of one of its values"
+            remedy = "Choose a finer step, or pin values at breakpoints to multiples of the step."
+        else:
+            message += ", the nearest that storage allows"
+            remedy = "Pin a value that is a multiple of the step."
+        yield Finding(Location(), message, remedy, severity="warning")
     more = int(np.count_nonzero(missed)) - MAX_LISTED
     if more > 0:
         message = f"{count_noun(more, 'further limit')} of pins and sums met as far as storage allows"

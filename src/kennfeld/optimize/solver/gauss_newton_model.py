@@ -15,6 +15,7 @@ from kennfeld.native.symmetric import SymmetricMatrix, as_array, part
 SCALE_MEMORY = 0.5  # share of its column scale that a value keeps at least from one iteration to the next
 HOLD = 1e-12  # damping of directions without an effect, of problems that are factored by QR
 NULL = 1e-13  # singular value of the scaled Jacobian that is rounding, relative to the largest
+EPSILON = float(np.finfo(float).eps)
 PROBE = 0.1  # share of a step at which its curvature is measured
 SCALE_FLOOR = 1e-6  # of the mean curvature in its table: least column scale, so that no value runs away
 
@@ -127,8 +128,8 @@ class GaussNewtonModel:
     @cached_property
     def rounding(self) -> float:
         """Rounding error of the residuals, which are differences of predictions of the size |J p|."""
-        size = np.linalg.norm(np.sqrt(self.diagonal) * self.values[self.movable])
-        return float(np.finfo(float).eps * size)
+        sizes = np.sqrt(self.diagonal) * self.values[self.movable]
+        return EPSILON * float(np.sqrt(sizes @ sizes))
 
     def damped_factor(
         self, damping: float, secant: "SecantCorrection | None" = None, least: float = 0.0
@@ -264,9 +265,9 @@ class SecantCorrection:
         with np.errstate(over="ignore", invalid="ignore"):
             # w = remainder - S d, v = y / y'd: S + w v' + v w' - (d'w) v v'
             direction = change / along
-            outer = np.outer(missing, direction)
+            outer = missing[:, None] * direction
             matrix = share * self.matrix + outer + outer.T
-            matrix -= float(step @ missing) * np.outer(direction, direction)
+            matrix -= float(step @ missing) * (direction[:, None] * direction)
         if np.isfinite(matrix).all():
             self.matrix = matrix
 

@@ -20,7 +20,13 @@ from kennfeld.base.arrays import Float, Int, ignore_floating_errors
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.optimize.solver.certificate import Certificate
 from kennfeld.optimize.solver.costs_beside import certificate_of_costs
-from kennfeld.optimize.solver.gauss_newton_model import DampedModel, GaussNewtonModel, Objective, SecantCorrection
+from kennfeld.optimize.solver.gauss_newton_model import (
+    EPSILON,
+    DampedModel,
+    GaussNewtonModel,
+    Objective,
+    SecantCorrection,
+)
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.solver.quadratic_program import QpSolution, QuadraticProgram
 
@@ -124,6 +130,8 @@ class SolverResult:
 
     def with_effort_of(self, results: "Sequence[SolverResult]") -> "SolverResult":
         """Return this result with the iterations and evaluations of all `results`."""
+        if len(results) == 1 and results[0] is self:
+            return self
         iterations = sum(result.iterations for result in results)
         return replace(self, iterations=iterations, evaluations=sum(result.evaluations for result in results))
 
@@ -160,7 +168,7 @@ def is_rounding(objective: Objective, cost: float) -> bool:
 
     |J p| may be smaller than these: a time constant of 0 has no share in the output that it leaves as it is.
     """
-    return bool(cost <= (EXACT_FIT * np.finfo(float).eps) ** 2 * objective.target_squares)
+    return bool(cost <= (EXACT_FIT * EPSILON) ** 2 * objective.target_squares)
 
 
 @dataclass(kw_only=True)
@@ -339,7 +347,7 @@ class _LevenbergMarquardt:
             damped = model.damped_factor(state.damping, secant, self._least_damping)
             if damped is None:
                 return None
-            solution = self.program.solve(damped.factor, damped.step, here, state.active_set)
+            solution = self._within_limits(damped, damped.step, state.active_set)
             damped_for_limits = state.limits_hold
             state.limits_hold = bool(solution.active.any() or self.limits.rows.equal.any())
             # factored with the floor of the damping already, or in no need of it
@@ -357,6 +365,12 @@ class _LevenbergMarquardt:
         reductions = (with_secant, plain) if state.use_secant else (plain, with_secant)
         return _Proposal(damped, solution, target, step, *reductions)
 
+    def _within_limits(self, damped: DampedModel, step: Float, guess: Int | None) -> QpSolution:
+        """Solve the quadratic program, given its step without limits; if there are none, it needs no factor."""
+        if self.program.unlimited:
+            return self.program.free(step)
+        return self.program.solve(damped.factor, step, self._here, guess)
+
     def _fits_exactly(self, model: GaussNewtonModel) -> bool:
         return bool(np.sqrt(self.state.cost) <= EXACT_FIT * model.rounding)
 
@@ -369,7 +383,7 @@ class _LevenbergMarquardt:
         if not 2 * model.scaled_norm(acceleration) <= MAX_ACCELERATION * model.scaled_norm(proposal.step):
             return None
         corrected = damped.step + 0.5 * acceleration
-        return self.program.solve(damped.factor, corrected, self._here, proposal.solution.active)
+        return self._within_limits(damped, corrected, proposal.solution.active)
 
     def _target(self, solution: QpSolution, proposal: _Proposal) -> Float | None:
         """Return the movable values after a step, or None if they violate rows.
@@ -497,7 +511,7 @@ class _LevenbergMarquardt:
         damped = model.damped_factor(model.little_damping, least=self._least_damping)
         if damped is None or not np.all(np.isfinite(damped.step)):
             return None
-        return self.program.solve(damped.factor, damped.step, self._here, self.state.active_set).step
+        return self._within_limits(damped, damped.step, self.state.active_set).step
 
     def _certificate(self, model: GaussNewtonModel, step: Float | None) -> Certificate | None:
         """Return how far the iterate is from stationary; None if that is unknown."""

@@ -8,6 +8,8 @@ The dual problem of the multipliers is min 1/2 m'Sm - e'm, with m >= 0 except fo
 depend on each other, such as the four slopes around a flat cell of a map.
 """
 
+from functools import cached_property
+
 import numpy as np
 
 from kennfeld.base.arrays import Bool, Float, Int
@@ -49,11 +51,21 @@ class QuadraticProgram:
     """The programs of all steps within the same limits; their memory is used again."""
 
     def __init__(self, limits: LinearLimits) -> None:
-        rows = limits.rows
-        lower, upper = np.concatenate([limits.lower, rows.lower]), np.concatenate([limits.upper, rows.upper])
-        self.chosen = ChosenLimits(lower, upper, rows.columns, rows.coefficients)
-        self._unlimited = not (np.isfinite(lower).any() or np.isfinite(upper).any())
+        self._rows = limits.rows
+        self._lower, self._upper = (
+            np.concatenate(sides) for sides in ((limits.lower, limits.rows.lower), (limits.upper, limits.rows.upper))
+        )
+        self.unlimited = not (np.isfinite(self._lower).any() or np.isfinite(self._upper).any())
         self.gram: Gram | None = None
+
+    @cached_property
+    def chosen(self) -> ChosenLimits:
+        """The limits, which a program without any does not need."""
+        return ChosenLimits(self._lower, self._upper, self._rows.columns, self._rows.coefficients)
+
+    def free(self, step: Float) -> QpSolution:
+        """Return a step, Float[values], that no limit holds."""
+        return QpSolution(step, np.zeros(self._lower.size, dtype=np.int64))
 
     def solve(self, factor: Factor, free_step: Float, at: Float, guess: Int | None = None) -> QpSolution:
         """Minimise the program at the point `at`.
@@ -64,13 +76,13 @@ class QuadraticProgram:
             at: the values, Float[values].
             guess: limits likely to be active, Int[values + rows].
         """
+        if self.unlimited:
+            return self.free(free_step)
         chosen = self.chosen
-        if self._unlimited:
-            return QpSolution(free_step, np.zeros(chosen.total, dtype=np.int64))
         chosen.restart(at, free_step)
         violated = chosen.violated(free_step)
         if not violated and not chosen.equalities:
-            return QpSolution(free_step, np.zeros(chosen.total, dtype=np.int64))
+            return self.free(free_step)
         if self.gram is None:
             self.gram = Gram(factor)
         else:

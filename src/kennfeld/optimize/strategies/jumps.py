@@ -6,7 +6,7 @@ from pathlib import PurePath
 from kennfeld.base.errors import Finding, Location
 from kennfeld.base.formatting import join_names
 from kennfeld.graph.events import Event, events
-from kennfeld.optimize.problem.problem import Problem, difference
+from kennfeld.optimize.problem.problem import Problem
 
 FEW = 30  # values up to which a search without gradients is a good idea
 MAX_EVENTS = 4  # in a warning
@@ -19,7 +19,11 @@ def jumps_of(problem: Problem) -> tuple[Event, ...]:
 
 
 def _jumps_of(problem: Problem) -> tuple[Event, ...]:
-    return events(problem.graph, problem.free_names, [difference(i) for i in range(len(problem.criteria))])
+    return problem.model.once(
+        "jumps",
+        problem.structure and (problem.structure, problem.free_names),
+        lambda: events(problem.graph, problem.free_names, problem.differences),
+    )
 
 
 def find_jumps(problem: Problem, option: str = "") -> Iterator[Finding]:

@@ -8,7 +8,7 @@ from copy import copy
 from dataclasses import replace
 from functools import cached_property, lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,8 @@ from kennfeld.graph import Graph
 from kennfeld.graph.call_columns import CalledColumns, read_calls, unlocked_values
 from kennfeld.graph.external_function import is_sequential, living_functions
 from kennfeld.graph.lookup_lowering import LoweredGraph, lower_lookups
-from kennfeld.graph.partition import partition_graph
+from kennfeld.graph.partition import GraphPartition, partition_graph
+from kennfeld.graph.traversal import dependents
 from kennfeld.native.accumulator import Accumulator
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.sample_loop import Output
@@ -39,6 +40,7 @@ from kennfeld.optimize.problem.partitions import (
 )
 from kennfeld.optimize.problem.picked_recordings import count_recordings, pick_recordings
 from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.problem.structure import Structure
 from kennfeld.optimize.problem.table_penalties import Penalty, penalty_of
 from kennfeld.optimize.sums.call_sums import CalledFunctions
 from kennfeld.optimize.sums.kept_columns import ColumnStorage, RecentColumns, StoredColumns
@@ -48,7 +50,8 @@ from kennfeld.optimize.sums.remembered_sums import RememberedSums
 from kennfeld.optimize.sums.sums import Sums, SumsFactory
 from kennfeld.preprocessing.prepared_files import touch
 from kennfeld.preprocessing.recording_sources import version_of
-from kennfeld.preprocessing.samples import TrainingSource, assemble_samples
+from kennfeld.preprocessing.sample_weights import SampleWeights
+from kennfeld.preprocessing.samples import SampleAssembly, TrainingSource
 from kennfeld.preprocessing.settling import group_points, restart_states, sample_ages
 from kennfeld.preprocessing.stored_samples import StoredSamples, in_visiting_order, read_samples, sample_columns
 
@@ -65,13 +68,59 @@ def smoothable(problem: Problem) -> bool:
 
     Functions that keep memory run through whole trajectories at each evaluation, which several descents would repeat.
     """
-    if not any(node.op == "lookup" and node.args for node in problem.graph.nodes):
-        return False  # scalars alone
-    lowered = lower_lookups(problem.graph, problem.parameters, problem.free_names)
+    graph = problem.graph
+    moving = dependents(graph, lambda node: node.parameter in problem.free_names, through_states=False)
+    if not any(node.op == "lookup" and not moving.isdisjoint(node.args) for node in graph.nodes):
+        return False  # whatever the criteria need
+    lowered = lower_lookups(graph, problem.parameters, problem.free_names)
     needed = partition_graph(lowered.graph, problem.differences, (*problem.free_names, *problem.free_axes)).graph
     if any(is_sequential(node) for node in needed.nodes):
         return False
     return any(any(node.payload.smoothed) for node in needed.nodes if node.op == "interpolate")
+
+
+class _Code(NamedTuple):
+    """A lowered graph, its part that depends on free values, and the kernel and the samples of that part."""
+
+    lowered: LoweredGraph
+    split: GraphPartition
+    called: CalledColumns
+    kernel: Kernel
+    assembly: SampleAssembly
+
+
+def _structure_of_code(problem: Problem, form: DataForm) -> Structure:
+    """Return what the code depends on besides `Problem.structure`."""
+    losses = tuple((c.scale, c.loss, c.delta) for c in problem.criteria)
+    return _fitted(problem), losses, form.restarts, form.step, tuple(form.weighting.inputs.items())
+
+
+def _fitted(problem: Problem) -> tuple[str | AxisKey, ...]:
+    return (*problem.free_names, *problem.free_axes)
+
+
+def _compile(problem: Problem, form: DataForm, *, smoothed: bool) -> _Code:
+    parameters, free, fitted, weighting = problem.parameters, problem.free_names, _fitted(problem), form.weighting
+    # order: weights and restarts are part of the graph before lookups are lowered and data-only parts cut off
+    weighted = weighting.extend(problem.graph)
+    graph = with_step(restart_states(weighted) if form.restarts else weighted, form.step)
+    shared = graph is problem.graph and not smoothed
+    lowered = problem.lowered if shared else lower_lookups(graph, parameters, free if smoothed else ())
+    split = partition_graph(lowered.graph, [*problem.differences, *weighting.inputs.values()], fitted)
+    values = (value for name in free for value in unlocked_values(parameters[name]))
+    called = read_calls(split.graph, fitted, values)
+    reduced = LoweredGraph(called.graph, lowered.axes, lowered.shapes)
+    kernel = Kernel(reduced, _outputs(problem, weighting, reduced.graph), parameters, fitted)
+    return _Code(lowered, split, called, kernel, SampleAssembly(lowered, split, kernel, parameters))
+
+
+def _outputs(problem: Problem, weighting: SampleWeights, graph: Graph) -> list[Output]:
+    names = graph.names
+    weights = {i: names[name] for i, name in weighting.inputs.items()}
+    return [
+        Output(names[name], c.scale, c.loss, c.delta, weights.get(i))
+        for i, (name, c) in enumerate(zip(problem.differences, problem.criteria, strict=True))
+    ]
 
 
 class CompiledProblem:
@@ -105,16 +154,12 @@ class CompiledProblem:
         parameters, free = problem.parameters, problem.free_names
         self.form = form or DataForm.of(problem)
         self.weighting = self.form.weighting
-        fitted: tuple[str | AxisKey, ...] = (*free, *problem.free_axes)
-        # order: weights and restarts are part of the graph before lookups are lowered and data-only parts cut off
-        weighted = self.weighting.extend(problem.graph)
-        graph = with_step(restart_states(weighted) if self.form.restarts else weighted, self.form.step)
-        self._lowered = lower_lookups(graph, parameters, free if smooth_like else ())
-        scored = [*problem.differences, *self.weighting.inputs.values()]
-        self._split = partition_graph(self._lowered.graph, scored, fitted)
-        self._called = self._read_calls(fitted)
-        reduced = LoweredGraph(self._called.graph, self._lowered.axes, self._lowered.shapes)
-        self.kernel = Kernel(reduced, self._kernel_outputs(reduced.graph), parameters, fitted)
+        code = problem.model.once(
+            "code" if smooth_like is None else "smoothed code",
+            problem.structure and (problem.structure, _structure_of_code(problem, self.form)),
+            lambda: _compile(problem, self.form, smoothed=smooth_like is not None),
+        )
+        self._lowered, self._split, self._called, self.kernel, self._assembly = code
         self.spacings = np.array([(a[-1] - a[0]) / max(a.size - 1, 1) for a in self._lowered.axes] or [0.0])
         self._sums_of: SumsFactory = smooth_like._sums_of if smooth_like else sums_of or Accumulator
         self._smooth_like = smooth_like
@@ -129,10 +174,6 @@ class CompiledProblem:
         self.start = self.values.pack(parameters)
         self._stored: list[tuple[StoredSamples, Part]] = []  # of one partition
 
-    def _read_calls(self, fitted: Sequence[str | AxisKey]) -> CalledColumns:
-        tables = [self.problem.parameters[name] for name in self.problem.free_names]
-        return read_calls(self._split.graph, fitted, [value for table in tables for value in unlocked_values(table)])
-
     @cached_property
     def _functions(self) -> CalledFunctions:
         return CalledFunctions(self._called, self._lowered, self.problem.parameters, self.values)
@@ -141,14 +182,6 @@ class CompiledProblem:
     def stateful(self) -> bool:
         """True if samples are visited in the order of time, because the model has states or calls that have them."""
         return bool(self.kernel.line.states) or self._called.trajectories is not None
-
-    def _kernel_outputs(self, graph: Graph) -> list[Output]:
-        names = graph.names
-        weights = {i: names[name] for i, name in self.weighting.inputs.items()}
-        return [
-            Output(names[name], c.scale, c.loss, c.delta, weights.get(i))
-            for i, (name, c) in enumerate(zip(self.problem.differences, self.problem.criteria, strict=True))
-        ]
 
     @cached_property
     def samples(self) -> Samples:
@@ -455,9 +488,7 @@ class CompiledProblem:
             ]
             scores = np.array([c.weight * bound.dataset.weight for c in problem.criteria])
             sources.append(TrainingSource(whole, targets, scores))
-        return assemble_samples(
-            sources, self._lowered, self._split, self.kernel, problem.parameters, in_time=self.stateful
-        )
+        return self._assembly.samples(sources, problem.parameters, in_time=self.stateful)
 
     def _shared(self, other: "CompiledProblem") -> Samples:
         """Return the samples of another form of the problem if its data-only part is the same."""

@@ -304,7 +304,7 @@ def _estimate(
     used = [spectrum.inverse.trace(matrix) for matrix in each]
     groups = measured.with_smooth_effects(groups, used, (reduction, np.flatnonzero(seen), spectrum.inverse))
     by_group = known or variances(groups, used)
-    shares = [_share(group, variance) for group, variance in zip(groups, by_group, strict=True)]
+    shares = [noise_share(group, variance) for group, variance in zip(groups, by_group, strict=True)]
     # if limits determine all values, the noise is still known
     weights = used if sum(used) > 0 else [float(group.count) for group in groups]
     dispersion = float(np.dot(shares, weights)) / sum(weights) if sum(weights) > 0 else float("nan")
@@ -331,7 +331,7 @@ def _estimate(
     )
 
 
-def _share(group: Group, variance: Variance) -> float:
+def noise_share(group: Group, variance: Variance) -> float:
     """Return the variance of the gradient per curvature, both by samples of the typical weight of a group."""
     # gradient: s w psi j, with the variance (s w)^2 v w^-g times the persistence; curvature: s w psi' j'j;
     # s score, w weight, j row of the Jacobian, v w^-g variance of psi; their ratio:

@@ -259,8 +259,9 @@ class _ShiftSearch:
         self.scans: dict[int, dict[float, float]] = {}
         self.compiled = CompiledProblem(self._shift([0.0] * len(sought)))
         limits = linear_limits(problem, self.compiled.values)
-        projected, _ = project(LeastSquaresObjective(self.compiled).start, limits)
-        off = None if projected is None else departure(self.compiled, projected, limits)
+        objective = LeastSquaresObjective(self.compiled)
+        projected, _ = project(objective.start, limits)
+        off = None if projected is None else departure(objective, self.compiled, projected, limits)
         # the start values, moved off a saddle point
         self.begin = problem.parameters if off is None else self.compiled.parameters(off.values)
 

@@ -29,7 +29,7 @@ import { LineInput } from "../../inputs";
 import { FindingLine } from "../../instruments/finding";
 import { Picture } from "../../instruments/picture";
 import { Proposals } from "../../instruments/proposals";
-import type { MappedInput } from "../../replies";
+import type { ChannelRow, MappedInput } from "../../replies";
 import { scoped } from "../../scope";
 import { setKeys } from "../../settings";
 import { secondsPerPixel, shiftOfDrag, slotOf } from "../../shift-drag";
@@ -105,7 +105,9 @@ export function ChannelTable() {
               <th class="num">greatest</th>
               <th class="lines">
                 <span class="heads">
-                  {files.length > MAX_HEADS ? (
+                  {files.length === 0 ? (
+                    <span>in each file</span>
+                  ) : files.length > MAX_HEADS ? (
                     <span>{counted(files.length, "file")}, one after the other</span>
                   ) : (
                     files.map((each) => (
@@ -226,7 +228,6 @@ function sampleStep(): number | null {
 
 function Row({ own }: { own: MappedInput }) {
   const described = recorded.value.get(own.channel);
-  const names = [...recorded.value.keys()];
   const at = mapped.value.indexOf(own.channel);
   const facts = small.value?.signals[at];
   const moved = drag.value?.channel === own.channel ? drag.value.seconds : 0;
@@ -251,9 +252,8 @@ function Row({ own }: { own: MappedInput }) {
           value={own.channel}
           onChange={(event) => map(own, event.currentTarget.value)}
         >
-          {(names.includes(own.channel) ? names : [own.channel, ...names]).map((name) => (
-            <option value={name}>{name}</option>
-          ))}
+          {described === undefined && <option value={own.channel}>{own.channel}</option>}
+          <ChannelOptions />
         </select>
       </td>
       <td class={described === undefined ? "bad" : ""}>
@@ -289,6 +289,31 @@ function Row({ own }: { own: MappedInput }) {
         )}
       </td>
     </tr>
+  );
+}
+
+/** The channels to choose from, below the names of their groups if a file has several. */
+function ChannelOptions() {
+  const options = (rows: Iterable<ChannelRow>) =>
+    [...rows].map((each) => (
+      <option value={each.name} title={`${each.name} ${each.unit}`}>
+        {each.name}
+      </option>
+    ));
+  const groups = new Map<string, ChannelRow[]>();
+  for (const each of recorded.value.values()) groups.set(each.group, [...(groups.get(each.group) ?? []), each]);
+  if (groups.size < 2) return <>{options(recorded.value.values())}</>;
+  const steps = new Map(entries.value.flatMap((e) => e.files).flatMap((f) => f.groups.map((g) => [g.name, g.step])));
+  return (
+    <>
+      {[...groups].map(([group, own]) => (
+        <optgroup
+          label={steps.has(group) ? `${group}, every ${significant(steps.get(group)!, 3)} s` : group || "others"}
+        >
+          {options(own)}
+        </optgroup>
+      ))}
+    </>
   );
 }
 

@@ -166,7 +166,7 @@ function Row({ entry, file, first }: { entry: DatasetFiles; file: RecordingFile;
       ) : (
         <>
           <td class="num">{count(file.samples ?? 0)}</td>
-          <td class="num">{file.step ? `${significant(1 / file.step, 3)} Hz` : MISSING}</td>
+          <Rate own={file} />
           <td class="num">{file.length ? `${significant(file.length, 4)} s` : MISSING}</td>
           <td>
             <Gaps file={file} row={row} />
@@ -247,4 +247,17 @@ function drawError(pen: Pen, wide: number, high: number, points: Float32Array | 
   const most = 1.5 * reach; // room around the extremes of many samples in a pixel
   const ys = Float64Array.from(points, (y) => high / 2 - (Math.max(-most, Math.min(most, y)) / most) * (high / 2 - 1));
   line(pen, pairPositions(points, 0, wide), ys, token("error"), 1);
+}
+
+/** The rate of a file; of several groups of channels, the lowest and the highest. */
+function Rate({ own }: { own: RecordingFile }) {
+  const hertz = (step: number): string => significant(1 / step, 3);
+  const steps = own.groups.map((each) => each.step).filter((step) => step > 0);
+  const slowest = steps.length > 0 ? hertz(Math.max(...steps)) : "";
+  const fastest = own.step ? hertz(own.step) : "";
+  return (
+    <td class="num" title={own.groups.map((each) => `${each.name} every ${significant(each.step, 3)} s`).join("\n")}>
+      {fastest === "" ? MISSING : `${slowest && slowest !== fastest ? `${slowest} … ` : ""}${fastest} Hz`}
+    </td>
+  );
 }

@@ -14,8 +14,9 @@ import {
 import { area, type Box, extent, line, type Pen, type Range, widened } from "../../drawing/canvas";
 import { css, family, token } from "../../drawing/colours";
 import { dots, rules } from "../../drawing/marks";
-import { counted, plain, significant, unitText, withUnit } from "../../drawing/numbers";
+import { counted, MISSING, plain, significant, unitText, withUnit } from "../../drawing/numbers";
 import { pairPositions } from "../../drawing/strips";
+import { nearestTo, type Read } from "../../hover-tip";
 import { CriterionChoice } from "../../instruments/criterion-choice";
 import { Picture } from "../../instruments/picture";
 import { showDataset, stretch } from "../../plots";
@@ -23,6 +24,7 @@ import type { FileRow } from "../../replies";
 import { screen } from "../../store";
 
 const LEFT = 60;
+const RIGHT = 16; // half of the last number of an axis
 const HEAD = 18; // of the names of the files
 
 export function Preview() {
@@ -67,15 +69,15 @@ export function Preview() {
   );
 }
 
-function drawPreview(pen: Pen, width: number, height: number): void {
+function drawPreview(pen: Pen, width: number, height: number): Read | undefined {
   const files = errors.value?.files ?? [];
-  if (files.length === 0) return;
+  if (files.length === 0) return undefined;
   const lines = preview.value?.lines ?? {};
   const channel = files.map((_, k) => lines[`0 ${k}`] ?? new Float32Array());
   const error = files.map((_, k) => errorLines.value?.[String(k)] ?? new Float32Array());
   const reach = errors.value?.reach || 1;
   const middle = HEAD + (height - HEAD - 34) * 0.62;
-  const each = (width - LEFT - 10) / files.length;
+  const each = (width - LEFT - RIGHT) / files.length;
   const ranges: [Range, Range] = [widened(extent(...channel), 0.06), [-reach * 1.1, reach * 1.1]];
   const gaps = preview.value?.signals[0]?.gaps ?? {};
   files.forEach((file, k) => {
@@ -113,6 +115,26 @@ function drawPreview(pen: Pen, width: number, height: number): void {
       });
     });
   });
+  return (x) => {
+    const k = Math.floor((x - LEFT) / each);
+    const file = files[k];
+    if (file === undefined || x < LEFT) return null;
+    const share = Math.min(1, (x - LEFT - k * each) / each);
+    const time = share * (file.end - file.begin);
+    return [
+      rangeText(shownChannel.value, channel[k]!, share, preview.value?.signals[0]?.unit ?? ""),
+      rangeText("error", error[k]!, share, errors.value?.unit ?? ""),
+      `${file.name} ${file.timed ? `at ${plain(time, 4)} s` : `sample ${Math.round(time) + 1}`}`,
+    ];
+  };
+}
+
+/** What a line of pairs, the least and the greatest value of a pixel each, has at a share of its length. */
+function rangeText(name: string, pairs: Float32Array, share: number, unit: string): string {
+  const k = 2 * Math.round(share * Math.max(0, pairs.length / 2 - 1));
+  const [low, high] = [pairs[k] ?? NaN, pairs[k + 1] ?? NaN];
+  if (!Number.isFinite(low)) return `${name} ${MISSING}`;
+  return `${name} ${significant(low)}${high > low ? ` … ${significant(high)}` : ""} ${unitText(unit)}`.trim();
 }
 
 /** Begin and end of the worst stretch, counted from the begin of the file. */
@@ -175,10 +197,10 @@ function ErrorPane() {
   );
 }
 
-function drawHistogram(pen: Pen, width: number, height: number): void {
+function drawHistogram(pen: Pen, width: number, height: number): Read | undefined {
   const own = errors.value;
   const lines = errorLines.value;
-  if (own === null || lines === null) return;
+  if (own === null || lines === null) return undefined;
   const shares = own.files.map((_, k) => {
     const counts = lines[`bins ${k}`] ?? new Float32Array();
     const total = counts.reduce((sum, each) => sum + each, 0) || 1;
@@ -201,6 +223,17 @@ function drawHistogram(pen: Pen, width: number, height: number): void {
   });
   pen.fillStyle = token("quiet");
   pen.fillText("% of its samples", box.left + 5, box.top + 12);
+  return (x) => {
+    const bins = shares[0]?.length ?? 0;
+    const k = Math.floor(((plot.xAt(x) + own.reach) / (2 * own.reach)) * bins);
+    if (k < 0 || k >= bins) return null;
+    const edge = (at: number): string => plain(-own.reach + (2 * own.reach * at) / bins, 3);
+    const order = [chosenFile.value, ...own.files.keys()].filter((each, at) => at === 0 || each !== chosenFile.value);
+    return [
+      ...order.slice(0, 8).map((each) => `${own.files[each]!.name} ${significant(shares[each]![k]!, 3)} %`),
+      `error ${edge(k)} … ${edge(k + 1)} ${unitText(own.unit)}`.trim(),
+    ];
+  };
 }
 
 function drawSteps(
@@ -275,7 +308,7 @@ function ShiftPane({ scan }: { scan: Scan }) {
   );
 }
 
-function drawScan(pen: Pen, width: number, height: number, scan: Scan): void {
+function drawScan(pen: Pen, width: number, height: number, scan: Scan): Read {
   const box = { left: LEFT, right: width - 12, top: 10, bottom: height - 36 };
   const [low, high] = extent(scan.rmse);
   const plot = area(pen, box, extent(scan.shifts), widened([Math.min(low, high), high], 0.08), {
@@ -294,4 +327,11 @@ function drawScan(pen: Pen, width: number, height: number, scan: Scan): void {
   dots(pen, [xs[best]!], [ys[best]!], token("model"), 3.5);
   pen.fillStyle = token("text");
   pen.fillText(`${significant(low, 3)} at ${plain(scan.shifts[best]!, 3)} s`, box.left + 8, box.bottom - 8);
+  return (x) => {
+    const k = nearestTo(scan.shifts, plot.xAt(x));
+    const shift = scan.shifts[k];
+    return shift === undefined
+      ? null
+      : [`RMSE ${significant(scan.rmse[k]!)} ${unitText(scan.unit)}`.trim(), `shift ${plain(shift, 3)} s`];
+  };
 }

@@ -1,6 +1,16 @@
 // What to drive or to measure, with what it settles, and its files; beside it, what no such measurement settles.
 
-import { existing, exportDesign, type Format, format, outcome, recorded, segment, written } from "../../design";
+import {
+  computing,
+  existing,
+  exportDesign,
+  type Format,
+  format,
+  outcome,
+  recorded,
+  segment,
+  written,
+} from "../../design";
 import { count, counted, MISSING, plain, significant } from "../../drawing/numbers";
 import { Segment } from "../../fields";
 import { Icon } from "../../icons";
@@ -15,7 +25,15 @@ export function ListPane() {
     <section class="pane chosen" aria-label="List">
       <div class="head">
         <h2>{title(own)}</h2>
-        <span class="sub">{own?.segments.length ? "most useful first; each is judged after those above it" : ""}</span>
+        {own?.stopped.length ? (
+          <span class="sub warn" id="design-part">
+            {partText(own)}
+          </span>
+        ) : (
+          <span class="sub">
+            {own?.segments.length ? "most useful first; each is judged after those above it" : ""}
+          </span>
+        )}
       </div>
       <div class="rows">{own !== null && <Rows own={own} />}</div>
       {own !== null && <Export own={own} />}
@@ -28,6 +46,12 @@ function title(own: FoundDesign | null): string {
   if (own.segments.length) return "Drive these";
   if (own.points.length) return "Measure these";
   return own.planned.length ? "Planned manoeuvres" : "These can go";
+}
+
+/** How many are chosen of how many, of a choice that goes on, or that was stopped. */
+function partText(own: FoundDesign): string {
+  const [chosen, wanted] = own.stopped;
+  return computing.value ? `${chosen} of ${wanted} so far` : `stopped after ${chosen} of ${wanted}`;
 }
 
 function Rows({ own }: { own: FoundDesign }) {

@@ -4,9 +4,12 @@ import { deviationText, map, outcome, type Shown, segment, shown, table } from "
 import { area, type Box, extent, line, logTicks, type Pen, widened } from "../../drawing/canvas";
 import { css, deviation, height as heightColour, token } from "../../drawing/colours";
 import { dots, hatch, ring } from "../../drawing/marks";
-import { plain, unitText, withUnit } from "../../drawing/numbers";
+import { plain, significant, unitText, withUnit } from "../../drawing/numbers";
+import { lastUpTo } from "../../drawing/strips";
 import { Segment } from "../../fields";
+import type { Read } from "../../hover-tip";
 import { Picture } from "../../instruments/picture";
+import { placeText } from "../../instruments/pictures";
 import type { DesignMap, Questions } from "../../replies";
 import { blocking, state } from "../../store";
 
@@ -64,6 +67,8 @@ function Empty() {
         <span class="grow">{text}</span>
       </p>
     );
+  if (outcome.value?.stopped.length)
+    return <p class="pad q">Deviations are drawn for a design that has gone on to its end.</p>;
   if (outcome.value !== null) return <p class="pad q">A design without a fit: it has no deviations to show.</p>;
   return (
     <div class="pad" id="nothing-proposed">
@@ -129,7 +134,7 @@ function edgesOf(points: readonly number[]): number[] {
   return [begin, ...inner, end];
 }
 
-function drawMap(pen: Pen, width: number, height: number, head: DesignMap, own: Arrays, side: Side): void {
+function drawMap(pen: Pen, width: number, height: number, head: DesignMap, own: Arrays, side: Side): Read {
   const box = { left: 60, right: width - 14, top: 28, bottom: height - 36 };
   const [xs, ys] = head.axes.map((axis) => axis.points) as [number[], number[]];
   const [xEdges, yEdges] = [edgesOf(xs), edgesOf(ys)];
@@ -162,6 +167,18 @@ function drawMap(pen: Pen, width: number, height: number, head: DesignMap, own: 
     drawWays(pen, plot, head, own);
   });
   drawTitle(pen, box, head, own, side);
+  const within = (edges: number[], value: number): number =>
+    value >= edges[0]! && value <= edges.at(-1)! ? Math.min(edges.length - 2, lastUpTo(edges, value)) : -1;
+  return (x, y) => {
+    const [i, j] = [within(xEdges, plot.xAt(x)), within(yEdges, plot.yAt(y))];
+    if (i < 0 || j < 0) return null;
+    const k = i * ys.length + j;
+    return [
+      `deviation ${deviationText(own.before[k]!)} now, ${deviationText(own.after[k]!)} predicted`,
+      `value ${significant(own.values[k]!)} ${unitText(head.unit)}`,
+      placeText(head.axes, [i, j]),
+    ];
+  };
 }
 
 /** The colour of each cell: a deviation, a value, or how much smaller a deviation becomes. */

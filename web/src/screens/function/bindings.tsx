@@ -1,7 +1,7 @@
 // Blocks that a channel or a formula replaces: those that are bound, and the field that binds another one.
 
 import { effect } from "@preact/signals";
-import { useEffect, useRef } from "preact/hooks";
+import { useLayoutEffect, useRef } from "preact/hooks";
 import { newest } from "../../connection";
 import { significant } from "../../drawing/numbers";
 import { Icon } from "../../icons";
@@ -31,7 +31,7 @@ effect(() => {
 export function Binding() {
   const field = useRef<HTMLInputElement>(null);
   const path = binding.value;
-  useEffect(() => {
+  useLayoutEffect(() => {
     field.current?.focus();
   }, [path]);
   if (path === "") return null;

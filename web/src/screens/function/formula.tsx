@@ -1,7 +1,7 @@
 // Formula text as the function: the editor, its messages, and what the error at the cursor is made of.
 
 import type { JSX } from "preact";
-import { useEffect, useState } from "preact/hooks";
+import { useEffect, useLayoutEffect, useState } from "preact/hooks";
 import { CodeConsent } from "../../code-consent";
 import { unitText } from "../../drawing/numbers";
 import { Corrections, split } from "../../instruments/error-split";
@@ -25,7 +25,7 @@ const text = scoped<"function" | "project">("function");
 export function FormulaText() {
   const { file } = settings.value;
   const own = text.value === "function" ? file : "";
-  useEffect(() => {
+  useLayoutEffect(() => {
     addEventListener("keydown", key, true); // before the editor, which moves lines with these keys
     return () => removeEventListener("keydown", key, true);
   }, []);

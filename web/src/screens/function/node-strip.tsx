@@ -4,7 +4,9 @@ import { computed, effect } from "@preact/signals";
 import { newest } from "../../connection";
 import { area, extent, line, type Pen, widened } from "../../drawing/canvas";
 import { token } from "../../drawing/colours";
-import { unitText } from "../../drawing/numbers";
+import { plain, significant, unitText } from "../../drawing/numbers";
+import { lastUpTo } from "../../drawing/strips";
+import type { Read } from "../../hover-tip";
 import { split } from "../../instruments/error-split";
 import { Picture } from "../../instruments/picture";
 import { criterion, cursor, datasetNumber } from "../../plots";
@@ -125,9 +127,9 @@ function pick(event: MouseEvent): void {
   cursor.value = data.begin + data.x[0]! + Math.max(0, Math.min(1, share)) * (last - data.x[0]!);
 }
 
-function draw(pen: Pen, width: number, height: number): void {
+function draw(pen: Pen, width: number, height: number): Read | undefined {
   const data = strip.value;
-  if (data === null || data.x.length === 0) return;
+  if (data === null || data.x.length === 0) return undefined;
   const xs = Float64Array.from(data.x, (x) => x + data.begin);
   const middle = Math.round(height * 0.58);
   const upper = area(
@@ -156,6 +158,17 @@ function draw(pen: Pen, width: number, height: number): void {
     line(pen, xs.map(lower.x), Float64Array.from(data.error, lower.y), token("error"), 1.25);
     mark(pen, lower.x, middle + 2, height - 32);
   });
+  return (x) => {
+    const k = lastUpTo(xs, upper.xAt(x));
+    const { timed } = settled.value.datasets[datasetNumber.value] ?? {};
+    return [
+      `now ${significant(data.now[k]!)}`,
+      ...(data.measured ? [`measured ${significant(data.measured[k]!)}`] : []),
+      `start ${significant(data.start[k]!)}`,
+      `error ${significant(data.error[k]!)}`,
+      timed ? `at ${plain(xs[k]!, 7)} s` : `point ${plain(xs[k]!, 7)}`,
+    ];
+  };
 }
 
 function mark(pen: Pen, x: (value: number) => number, top: number, bottom: number): void {

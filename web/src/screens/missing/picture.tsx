@@ -1,10 +1,12 @@
 // The fitted term over its channel with its standard deviation, or over both of them, and the errors without and with it.
 
-import { area, type Box, extent, line, type Pen, widened } from "../../drawing/canvas";
+import { area, type Box, drawUpright, extent, line, type Pen, widened } from "../../drawing/canvas";
 import { css, diverging, token } from "../../drawing/colours";
-import { drawCells } from "../../drawing/grid";
+import { drawCells, drawScale } from "../../drawing/grid";
 import { band, dots, rules } from "../../drawing/marks";
-import { plain, significant, withUnit } from "../../drawing/numbers";
+import { counted, plain, significant, unitText, withUnit } from "../../drawing/numbers";
+import { lastUpTo } from "../../drawing/strips";
+import { nearestTo, type Read } from "../../hover-tip";
 import { Picture } from "../../instruments/picture";
 import { otherPlace, proposal, shownTerm } from "../../missing";
 import type { Questions, ShownTerm } from "../../replies";
@@ -75,7 +77,7 @@ function drawTable(
   { edges, before, after, x, error }: Arrays,
   kind: string,
   node: string,
-): void {
+): Read | undefined {
   const range = widened(extent(head.points, edges.length ? [edges[0]!, edges.at(-1)!] : []), 0.01);
   const [left, right, counts] = [54, width - 14, 26];
   const middle = Math.max(90, Math.round((height - counts - 40) * 0.56));
@@ -90,16 +92,34 @@ function drawTable(
     edges,
   });
   drawCounts(pen, { left, right, top: height - counts - 32, bottom: height - 34 }, range, head, edges);
+  if (head.second) return undefined; // its cells have their numbers
+  return (x) => {
+    const at = range[0] + ((x - left) / (right - left)) * (range[1] - range[0]);
+    const k = nearestTo(head.points, at);
+    const bin = lastUpTo(edges, at);
+    if (k < 0 || x < left || x > right) return null;
+    const deviation = head.deviation[k] ? ` ± ${significant(head.deviation[k], 2)}` : "";
+    return [
+      `${kind === "multiply" ? "factor" : "added"} ${significant(head.now[k]!)}${deviation}`,
+      `${head.input} ${plain(head.points[k]!, 4)} ${unitText(head.inputUnit)}`.trim(),
+      ...(bin < before.length
+        ? [`mean error ${significant(before[bin]!, 3)} without, ${significant(after[bin]!, 3)} with it`]
+        : []),
+      ...(bin < head.counts.length ? [counted(head.counts[bin]!, "sample")] : []),
+    ];
+  };
 }
 
 /** Draw the values of a map as cells with their numbers: the first channel to the right, the second one upwards. */
 function drawMap(pen: Pen, { left, right, top, bottom }: Box, head: ShownTerm, kind: string, node: string): void {
   const [nx, ny] = [head.points.length, head.secondPoints.length];
-  const box = { left, right, top: top + 16, bottom: bottom - 18 };
+  const box = { left: left + 12, right: right - 52, top: top + 18, bottom: bottom - 34 };
   const at = (i: number, j: number) => head.now[i * ny + j] ?? NaN;
   const reach = Math.max(...head.now.map((value) => Math.abs(value - head.neutral))) || 1;
-  const paint = (i: number, j: number) => css(diverging((at(i, j) - head.neutral) / reach));
-  const cell = drawCells(pen, box, nx, ny, (i, j) => (Number.isFinite(at(i, j)) ? paint(i, j) : null));
+  const paint = (value: number) => css(diverging((value - head.neutral) / reach));
+  const cell = drawCells(pen, box, nx, ny, (i, j) => (Number.isFinite(at(i, j)) ? paint(at(i, j)) : null));
+  const bar = { left: right - 46, right: right - 38, top: box.top, bottom: box.bottom };
+  drawScale(pen, bar, [head.neutral - reach, head.neutral + reach], paint);
   pen.textBaseline = "middle";
   for (let i = 0; i < nx; i++) {
     for (let j = 0; j < ny; j++) {
@@ -123,15 +143,17 @@ function drawMap(pen: Pen, { left, right, top, bottom }: Box, head: ShownTerm, k
     pen.fillText(plain(value, 3), box.left - 5, (own.top + own.bottom) / 2);
   });
   pen.textBaseline = "alphabetic";
-  const verb = kind === "multiply" ? `factor on ${node}` : `added to ${node}`;
-  note(
-    pen,
-    `${verb}; ${withUnit(head.second, head.secondUnit)} upwards, no term: ${head.neutral}`,
-    left,
-    top + 8,
-    "text",
-  );
+  pen.textAlign = "right";
+  pen.fillText(withUnit(head.input, head.inputUnit), box.right, box.bottom + 28);
+  pen.textAlign = "left";
+  drawUpright(pen, box, withUnit(head.second, head.secondUnit));
+  note(pen, effect(kind, node, head.valueUnit), box.left, top + 9, "text");
+  note(pen, `no term: ${head.neutral}`, box.right, top + 9, "quiet", "right");
 }
+
+/** What the values of a curve or map do, with their unit. */
+const effect = (kind: string, node: string, unit: string): string =>
+  kind === "multiply" ? `factor on ${node}` : withUnit(`added to ${node}`, unit);
 
 function drawCurve(
   pen: Pen,
@@ -152,7 +174,7 @@ function drawCurve(
     line(pen, xs, ys, token("model"), 1.6);
   });
   dots(pen, xs, ys, token("model"), 3.4);
-  note(pen, kind === "multiply" ? `factor on ${node}` : `added to ${node}`, upper.left + 8, upper.top + 13, "text");
+  note(pen, effect(kind, node, head.valueUnit), upper.left + 8, upper.top + 13, "text");
   note(pen, `no term: ${head.neutral}`, upper.right - 8, plot.y(head.neutral) + 12, "quiet", "right");
 }
 

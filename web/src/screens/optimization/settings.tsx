@@ -1,7 +1,7 @@
 // What is optimised and how: criteria, limits, equalities, the sequence of steps, and the search.
 
 import { useSignal } from "@preact/signals";
-import { useEffect, useRef } from "preact/hooks";
+import { useLayoutEffect, useRef } from "preact/hooks";
 import { ChoiceField, NumberField } from "../../fields";
 import { EntryForm, focusSetting } from "../../instruments/entry-form";
 import { EntryList } from "../../instruments/entry-list";
@@ -63,7 +63,7 @@ export function OptimizationSettings() {
 function QuickFields() {
   const host = useRef<HTMLDivElement>(null);
   const name = wanted.value;
-  useEffect(() => {
+  useLayoutEffect(() => {
     if (name.startsWith("optimizer.") && focusSetting(host.current, name)) wanted.value = "";
   });
   return (

@@ -3,7 +3,9 @@
 import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { type Area, area, canvasIn, line, type Pen } from "../../drawing/canvas";
 import { token } from "../../drawing/colours";
-import { count, withUnit } from "../../drawing/numbers";
+import { count, counted, plain, unitText, withUnit } from "../../drawing/numbers";
+import { lastUpTo } from "../../drawing/strips";
+import { tipOn } from "../../hover-tip";
 import { drawRectangle, rangeOf } from "../../instruments/scatter";
 import { WhatIsMissing } from "../../instruments/what-is-missing";
 import { both, scatter } from "../../plot-data";
@@ -59,7 +61,13 @@ function Histogram() {
     });
     redraw.current = again;
     listen(canvas, () => plot);
-    return close;
+    const silence = tipOn(canvas, (x) =>
+      plot === null || scatter.value === null ? null : binTip(plot, scatter.value, x),
+    );
+    return () => {
+      silence();
+      close();
+    };
   }, []);
   useEffect(() => redraw.current(), [scatter.value, both.value, brush.value, theme.value]);
   return <div class="body canvas" ref={host} aria-label="Histogram of the errors; drag to brush an interval" />;
@@ -116,6 +124,19 @@ function draw(pen: Pen, width: number, height: number, data: ScatterArrays): Are
     drawRectangle(pen, plot, brush.value, [error(), { kind: "node", name: "" }]);
   });
   return plot;
+}
+
+/** How many errors are in the bin at a pixel. */
+function binTip(plot: Area, data: ScatterArrays, x: number): string[] | null {
+  const value = plot.xAt(x);
+  const k = lastUpTo(data.edges, value);
+  if (!(value >= data.edges[0]!) || k >= data.after.length) return null;
+  const ends = `${plain(data.edges[k]!, 3)} … ${plain(data.edges[k + 1]!, 3)} ${unitText(criterion.value?.unit ?? "")}`;
+  return [
+    counted(data.after[k]!, "sample"),
+    ...(both.value ? [`start ${count(data.before[k]!)}`] : []),
+    `error ${ends}`.trim(),
+  ];
 }
 
 /** How many errors lie beyond the ends, which the end bins hold. */

@@ -3,8 +3,12 @@
 import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { type Box, canvasIn, extent, type Pen } from "../../drawing/canvas";
 import { css, height as heightColour, token } from "../../drawing/colours";
+import { cellIn } from "../../drawing/grid";
 import { hatch } from "../../drawing/marks";
 import { significant, withUnit } from "../../drawing/numbers";
+import { tipOn } from "../../hover-tip";
+import { cellTitle } from "../../instruments/map-table";
+import { placeText } from "../../instruments/pictures";
 import { brush } from "../../plots";
 import type { EditedTable } from "../../replies";
 import { selection, table, theme } from "../../store";
@@ -35,7 +39,11 @@ function PassedPicture({ weights }: Passed) {
     redraw.current = again;
     canvas.style.cursor = "pointer";
     canvas.onclick = (event) => pick(canvas, event);
-    return close;
+    const silence = tipOn(canvas, (x, y) => passedTip(canvas, latest.current, x, y));
+    return () => {
+      silence();
+      close();
+    };
   }, []);
   useEffect(() => redraw.current(), [weights, table.value, brush.value, theme.value]);
   return (
@@ -53,14 +61,29 @@ const counts = (own: EditedTable): [number, number] => [
   own.axes[1]?.points.length ?? 1,
 ];
 
+const pointAt = (canvas: HTMLCanvasElement, own: EditedTable, x: number, y: number): [number, number] | null =>
+  cellIn(boxOf(canvas.clientWidth, canvas.clientHeight), ...counts(own), x, y);
+
+function passedTip(
+  canvas: HTMLCanvasElement,
+  weights: Float32Array | undefined,
+  x: number,
+  y: number,
+): string[] | null {
+  const own = table.value;
+  const at = own === null ? null : pointAt(canvas, own, x, y);
+  if (own === null || at === null) return null;
+  const cell = at[0] * counts(own)[1] + at[1];
+  const weight = weights ? [`weight of the brushed samples ${significant(weights[cell] ?? 0, 3)}`] : [];
+  return [...cellTitle(own, cell).split("\n"), ...weight, placeText(own.axes, at)];
+}
+
 function pick(canvas: HTMLCanvasElement, event: MouseEvent): void {
   const own = table.value;
   if (own === null) return;
-  const [frame, box] = [canvas.getBoundingClientRect(), boxOf(canvas.clientWidth, canvas.clientHeight)];
-  const [nx, ny] = counts(own);
-  const i = Math.floor(((event.clientX - frame.left - box.left) / (box.right - box.left)) * nx);
-  const j = Math.floor(((box.bottom - event.clientY + frame.top) / (box.bottom - box.top)) * ny);
-  if (i < 0 || j < 0 || i >= nx || j >= ny) return;
+  const at = pointAt(canvas, own, event.offsetX, event.offsetY);
+  if (at === null) return;
+  const [[i, j], ny] = [at, counts(own)[1]];
   brush.value = { point: { parameter: own.name, value: i * ny + j } };
   selection.value = { x: [i, i], y: [j, j], active: [i, j] };
 }

@@ -4,11 +4,13 @@ import { useLayoutEffect, useRef } from "preact/hooks";
 import { first, nameOfSet, second } from "../../comparison";
 import { type Area, area, canvasIn, extent, line, type Pen, type Range, widened } from "../../drawing/canvas";
 import { css, diverging, token } from "../../drawing/colours";
-import { drawCells } from "../../drawing/grid";
+import { cellIn, drawCells } from "../../drawing/grid";
 import { dots } from "../../drawing/marks";
-import { MISSING, plain, signed, significant, withUnit } from "../../drawing/numbers";
+import { MISSING, plain, signed, significant, unitText, withUnit } from "../../drawing/numbers";
 import { Camera, Surface, type SurfaceMap } from "../../drawing/surface";
+import { nearestTo, type Read, tipOn } from "../../hover-tip";
 import { Picture } from "../../instruments/picture";
+import { placeText } from "../../instruments/pictures";
 import type { AxisPoints, ComparedTable } from "../../replies";
 import { theme } from "../../store";
 
@@ -150,13 +152,28 @@ function Turning({ own, side, range, camera, views, turned, pick }: TurningProps
       camera.reset();
       turned();
     };
+    const silence = tipOn(canvas, (x, y) => bothTip(latest.current.own, drawing.nearest(x, y, 14)));
     return () => {
+      silence();
       views.splice(views.indexOf(again), 1);
       close();
     };
   }, []);
   useLayoutEffect(() => redraw.current(), [own, range[0], range[1], theme.value]);
   return <div class="canvas turning" ref={host} aria-label={`${own.name}, ${side === "first" ? "A" : "B"}`} />;
+}
+
+/** Both values of a grid point, and their difference. */
+function bothTip(own: ComparedTable, cell: number | null): string[] | null {
+  if (cell === null) return null;
+  const [a, b] = [own.first[cell]!, own.second[cell]!];
+  const ny = own.axes[1]?.points.length;
+  return [
+    `${a === b ? "0" : signed(b - a)} ${unitText(own.unit)}`,
+    `A ${nameOfSet(first.value)} ${significant(a)}`,
+    `B ${nameOfSet(second.value)} ${significant(b)}`,
+    placeText(own.axes, ny === undefined ? [cell] : [Math.floor(cell / ny), cell % ny]),
+  ];
 }
 
 /** A table as a surface; a narrow picture has no room for the names of the axes, which the difference beside it has. */
@@ -184,7 +201,7 @@ function drawDifference(
   own: ComparedTable,
   values: number[],
   taken: ReadonlySet<number>,
-): void {
+): Read {
   const [x, y] = own.axes as [AxisPoints, AxisPoints];
   const [nx, ny] = [x.points.length, y.points.length];
   const box = { left: 62, right: width - 14, top: 6, bottom: height - 56 };
@@ -218,6 +235,10 @@ function drawDifference(
   pen.stroke();
   labelAxes(pen, box, x, y, edges);
   drawKey(pen, box, reach, own.unit);
+  return (atX, atY) => {
+    const cell = cellIn(box, nx, ny, atX, atY);
+    return cell === null ? null : bothTip(own, cell[0] * ny + cell[1]);
+  };
 }
 
 function labelAxes(
@@ -276,7 +297,7 @@ function drawKey(pen: Pen, { left, right, bottom }: Area["box"], reach: number, 
 }
 
 /** Both curves in one plot, and their difference below. */
-function drawBoth(pen: Pen, width: number, height: number, own: ComparedTable, difference: number[]): void {
+function drawBoth(pen: Pen, width: number, height: number, own: ComparedTable, difference: number[]): Read {
   const { points, input, unit } = own.axes[0]!;
   const middle = Math.round(height * 0.64);
   const range = widened(extent(points), 0);
@@ -301,4 +322,5 @@ function drawBoth(pen: Pen, width: number, height: number, own: ComparedTable, d
     { title: withUnit(input, unit), yTitle: "B − A" },
   );
   lower.clip(() => line(pen, xs, difference.map(lower.y), token("error"), 1.5));
+  return (x) => bothTip(own, nearestTo(points, upper.xAt(x)));
 }

@@ -23,7 +23,7 @@ from kennfeld.importers.simulink.variables.data_types import BusElement, BusType
 from kennfeld.importers.simulink.variables.mask_scope import ParameterValue
 from kennfeld.matlab.parser import parse_expression
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
-from kennfeld.program.traversal import field_path
+from kennfeld.program.traversal import element_path
 
 _MAX_NAMED = 8
 
@@ -38,7 +38,7 @@ def parameter_or_bus(block: BlockContext, field: str) -> SignalOrBus:
         return block.parameter(field)
     if not isinstance(value, Mapping):
         return block.parameter(field)
-    path = field_path(parse_expression(text))
+    path = element_path(parse_expression(text))
     with evaluating(f"its {field} ({text[:60]}) has no value"):
         return _bus_of_struct(block, value, ".".join(path) if path is not None else "")
 
@@ -55,9 +55,10 @@ def _bus_of_struct(block: BlockContext, fields: Mapping[str, ParameterValue], pa
             nodes = expressions.array(inner, block.flat.scope) if inner else expressions.freeze(value)
             members[name] = block.signal(as_vector(nodes), CONSTANT)
         elif isinstance(value, tuple) and all(isinstance(part, Mapping) for part in value):
-            # the elements of an array of structs have no names of their own as parameters
             parts = enumerate((part for part in value if isinstance(part, Mapping)), 1)
-            members[name] = Bus({f"({at})": _bus_of_struct(block, part, "") for at, part in parts})
+            members[name] = Bus(
+                {f"({at})": _bus_of_struct(block, part, f"{inner}({at})" if inner else "") for at, part in parts}
+            )
     return Bus(members)
 
 

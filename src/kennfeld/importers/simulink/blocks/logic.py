@@ -2,6 +2,7 @@
 
 from kennfeld.importers.simulink.flattening.flat_model import is_triggered
 from kennfeld.importers.simulink.lowering import BlockContext, UnsupportedError, block, no_feedthrough
+from kennfeld.importers.simulink.lowering.integer_signals import fixed_point_type_of, is_floating
 from kennfeld.importers.simulink.reader.dialog_words import match_word
 from kennfeld.importers.simulink.signals import Signal, SignalOrBus, SignalRule, apply, select, select_by_index
 
@@ -181,6 +182,17 @@ def increment(block: BlockContext) -> SignalOrBus:
     if block.flat.type == "Increment Real World":
         return u + 1.0
     return apply("max", u - 1.0, 0.0) if block.flat.type == "Decrement To Zero" else u - 1.0
+
+
+@block("Stored Integer Value Increment", "Stored Integer Value Decrement", linked=True)
+def stored_increment(block: BlockContext) -> SignalOrBus:
+    """Add or subtract the step of the type of the input, which is 1 for integers and for floating-point numbers."""
+    kind = fixed_point_type_of(block.source())
+    if kind is None and not is_floating(block.source()):
+        message = "its step depends on the type of its input, which the file does not specify"
+        raise UnsupportedError(message, "Specify the data type of the block before it.")
+    step = 1.0 if kind is None else kind.slope
+    return block.input() + (step if block.flat.type.endswith("Increment") else -step)
 
 
 @block("Decrement Time To Zero", linked=True)

@@ -88,7 +88,7 @@ def lookup_nd(block: BlockContext) -> SignalOrBus:
         sizes = table_shape(block, count)
         axes = [Axis(x + dx * np.arange(n)) for x, dx, n in zip(starts, spacings, sizes, strict=False)]
     else:
-        axes = _axes(block, "Table", names)
+        axes = table_axes(block, "Table", names)
     return lookup_field(block, "Table", axes, _coordinates(block, count), method)
 
 
@@ -148,7 +148,7 @@ def table_shape(block: BlockContext, count: int) -> tuple[int, ...]:
     return (numbers.size,) if count == 1 else numbers.shape
 
 
-def _axes(block: BlockContext, table: str, names: list[str]) -> list[Axis]:
+def table_axes(block: BlockContext, table: str, names: list[str]) -> list[Axis]:
     """Return the axes of a table: those of the calibration file that gives its values, else the breakpoint fields."""
     own = parameter_field(block, table).variable.axes
     return list(own) if len(own) == len(names) else [breakpoint_axis(block, name) for name in names]
@@ -273,7 +273,7 @@ def _snap(block: BlockContext, x: Signal, axis: Axis, how: str) -> Signal:
 def lookup(block: BlockContext) -> SignalOrBus:
     """Look up a curve (block before R2011a)."""
     table = block.field_name("Table", "OutputValues")
-    return lookup_field(block, table, _axes(block, table, ["InputValues"]), [block.input()], _old_method(block))
+    return lookup_field(block, table, table_axes(block, table, ["InputValues"]), [block.input()], named_method(block))
 
 
 @block("Lookup2D", RowIndex="[0 1]", ColumnIndex="[0 1]", Table="[0 0;0 0]", LookUpMeth="Interpolation-Extrapolation",
@@ -282,10 +282,11 @@ def lookup_2d(block: BlockContext) -> SignalOrBus:
     """Look up a map (block before R2011a); the first input selects the row."""
     rows, columns = block.field_name("RowIndex", "x"), block.field_name("ColumnIndex", "y")
     table = block.field_name("Table", "t")
-    return lookup_field(block, table, _axes(block, table, [rows, columns]), block.inputs[:2], _old_method(block))
+    return lookup_field(block, table, table_axes(block, table, [rows, columns]), block.inputs[:2], named_method(block))
 
 
-def _old_method(block: BlockContext) -> LookupMethod:
+def named_method(block: BlockContext) -> LookupMethod:
+    """Read the method of a block that names interpolation and extrapolation in one field."""
     word = block.option("LookUpMeth", *(word for word, kind in _METHODS.items() if kind != "spline"))
     return LookupMethod(_METHODS[word], "linear" if word == "Interpolation-Extrapolation" else "clip")
 
@@ -312,7 +313,7 @@ def direct_lookup(block: BlockContext) -> SignalOrBus:
 @block("Lookup Table Dynamic", LookUpMeth="Interpolation-Extrapolation")
 def lookup_dynamic(block: BlockContext) -> SignalOrBus:
     """Look up a curve whose breakpoints and values are inputs."""
-    method = _old_method(block)
+    method = named_method(block)
     if block.input_count != 3:
         raise UnsupportedError(f"it must have three inputs (x, breakpoints and values), got {block.input_count}")
     x, xs, ys = (block.input(at) for at in range(3))

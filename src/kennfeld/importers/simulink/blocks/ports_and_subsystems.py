@@ -7,7 +7,13 @@ import numpy as np
 
 from kennfeld.importers.simulink.blocks.bus_values import fit_to_bus, fit_to_dimensions
 from kennfeld.importers.simulink.blocks.continuous import reset_signal
-from kennfeld.importers.simulink.flattening.flat_model import SINK_TYPES, FlatBlock, SignalSource, resets_on_enable
+from kennfeld.importers.simulink.flattening.flat_model import (
+    RECORDING_TYPES,
+    SINK_TYPES,
+    FlatBlock,
+    SignalSource,
+    resets_on_enable,
+)
 from kennfeld.importers.simulink.lowering import (
     LIKE_INPUT,
     BlockContext,
@@ -87,7 +93,7 @@ def _call_every_step(block: BlockContext) -> SignalOrBus:
     return calls
 
 
-@block("ToWorkspace", sink=True, VariableName="simulink_output", SampleTime="0")
+@block(*RECORDING_TYPES, sink=True, VariableName="simulink_output", SampleTime="0")
 @block("Outport", output=LIKE_INPUT, SampleTime="-1")
 def result(block: BlockContext) -> SignalOrBus:
     """Pass on a result of the model; of a bus whose object is unknown, it is a single signal."""

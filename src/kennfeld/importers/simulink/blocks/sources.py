@@ -3,6 +3,7 @@
 import numpy as np
 
 from kennfeld.importers.simulink.blocks.bus_values import fit_to_bus, parameter_or_bus
+from kennfeld.importers.simulink.blocks.lookup_tables import lookup_field, named_method, table_axes
 from kennfeld.importers.simulink.expressions.parameter_expressions import ParameterExpressions
 from kennfeld.importers.simulink.flattening.flat_model import FlatBlock
 from kennfeld.importers.simulink.lowering import (
@@ -103,18 +104,23 @@ def chirp(block: BlockContext) -> SignalOrBus:
 @block("SignalGenerator", output=ARITHMETIC, WaveForm="sine", Amplitude="1", Frequency="1", Units="Hertz",
        TimeSource="Use simulation time")  # fmt: skip
 def generator(block: BlockContext) -> SignalOrBus:
-    """Lower a sine, or a square wave that starts low; other wave forms are random or depend on rounding."""
+    """Lower a sine, a square wave that starts low, or a sawtooth that falls; another wave form is random."""
     written = block.field_text("WaveForm")
-    form = match_word(written, ("sine", "square"))
+    form = match_word(written, ("sine", "square", "sawtooth"))
     if form is None:
-        raise UnsupportedError(f"its wave form {written[:40]!r} is not supported, only sine and square", _BIND)
+        raise UnsupportedError(
+            f"its wave form {written[:40]!r} is not supported, only sine, square and sawtooth", _BIND
+        )
     t = block.time if block.is_set_to("TimeSource", "Use simulation time") else block.input()
     amplitude, frequency = block.parameter("Amplitude"), block.parameter("Frequency")
     in_hertz = block.option("Units", "Hertz", "rad/sec") == "Hertz"
     if form == "sine":
         return amplitude * apply("sin", (frequency * (2 * np.pi) if in_hertz else frequency) * t)
     turns = (frequency if in_hertz else frequency / (2 * np.pi)) * t
-    return select(turns - apply("floor", turns) >= 0.5, amplitude, -amplitude)
+    part = turns - apply("floor", turns)
+    if form == "sawtooth":
+        return (1.0 - part * 2.0) * amplitude  # as generated code has it
+    return select(part >= 0.5, amplitude, -amplitude)
 
 
 @block("DiscretePulseGenerator", output=ARITHMETIC, PulseType="Sample based", TimeSource="Use simulation time",
@@ -152,6 +158,26 @@ def stairs(block: BlockContext) -> SignalOrBus:
     dt = block.constant(sample) if sample > 0 else block.base_step
     count = apply("floor", block.time / dt + 1e-6)
     return select_by_index(count % float(len(values)), [block.signal([value]) for value in values], 0.5)
+
+
+@block("Repeating Sequence Interpolated", output=ARITHMETIC, sample="tsamp",
+       OutValues="[3 1 4 2 1].'", TimeValues="[0 0.1 0.5 0.6 1].'", LookUpMeth="Interpolation-Use End Values",
+       tsamp="0.01")  # fmt: skip
+def interpolated_sequence(block: BlockContext) -> SignalOrBus:
+    """Repeat a sequence of points, interpolated at the sample hits; its last value is the last one of a period."""
+    (axis,) = table_axes(block, "OutValues", ["TimeValues"])
+    specified = block.numeric_field("tsamp")
+    sample = specified if specified > 0 else block.compiler.clock.step
+    if not sample:
+        raise UnsupportedError("it counts samples, but its sample time is inherited and the data define the step")
+    # Simulink counts its samples from 0 to that of the last time, as the counter in its generated code shows
+    last = float(axis.breakpoints[-1])
+    count = round(last / sample)
+    if count < 0 or abs(last / sample - count) > 1e-6:
+        message = f"its last time, {last:g} s, must be a multiple of its sample time, {sample:g} s"
+        raise UnsupportedError(message, "Change tsamp or the last of TimeValues.")
+    hit = apply("floor", block.time / sample + 1e-6) % float(count + 1)
+    return lookup_field(block, "OutValues", [axis], [hit * sample], named_method(block))
 
 
 def pulse_times(flat: FlatBlock, expressions: ParameterExpressions) -> list[float]:

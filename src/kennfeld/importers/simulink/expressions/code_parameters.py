@@ -9,10 +9,16 @@ import numpy as np
 
 from kennfeld.base.errors import InputError
 from kennfeld.importers.simulink.expressions.parameter_expressions import ParameterExpressions
-from kennfeld.importers.simulink.variables.mask_scope import MaskCodeVariable, MaskVariable, Scope, Variable
+from kennfeld.importers.simulink.variables.mask_scope import (
+    MaskCodeVariable,
+    MaskVariable,
+    ParameterValue,
+    Scope,
+    Variable,
+)
 from kennfeld.matlab.parser import parse_expression
 from kennfeld.matlab.simulink_objects import ENUMERATION
-from kennfeld.matlab.values import MatlabCell, MatlabStruct
+from kennfeld.matlab.values import MatlabCell, MatlabStruct, StructArray, object_array
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
 from kennfeld.program.traversal import field_path
@@ -60,11 +66,13 @@ def _resolve_variable(
     if isinstance(value, str):
         return value
     if isinstance(value, Mapping):
-        fields = {}
-        for key, part in value.items():  # a calibration file may override a field by its full name
-            field = scope.part([*path, key]) or Variable(part, source=variable.source, fixed=variable.fixed)
-            fields[key] = _part(expressions, scope, field, [*path, key])
+        fields = _fields(expressions, scope, variable, value, path)
         return MatlabStruct.of(fields, ENUMERATION if variable.fixed and len(path) == 1 else "")
+    if isinstance(value, StructArray):
+        elements = [
+            _fields(expressions, scope, variable, element, [f"{name}({at})"]) for at, element in enumerate(value, 1)
+        ]
+        return MatlabStruct(object_array(elements, value.shape), value.names)
     if isinstance(value, tuple):
         parts = (Variable(part, source=variable.source, fixed=variable.fixed) for part in value)
         cells = [_part(expressions, scope, part, [f"{name}({at})"]) for at, part in enumerate(parts, 1)]
@@ -76,6 +84,21 @@ def _resolve_variable(
         return nodes
 
     return s.DeferredValue(array, name) if np.size(value) > 1 and not variable.fixed else array()
+
+
+def _fields(
+    expressions: ParameterExpressions,
+    scope: Scope,
+    variable: Variable,
+    value: Mapping[str, ParameterValue],
+    path: list[str],
+) -> dict[str, s.SymbolicValue]:
+    """Return the fields of a struct; a calibration file may override one by its full name."""
+    fields: dict[str, s.SymbolicValue] = {}
+    for key, part in value.items():
+        field = scope.part([*path, key]) or Variable(part, source=variable.source, fixed=variable.fixed)
+        fields[key] = _part(expressions, scope, field, [*path, key])
+    return fields
 
 
 def _part(expressions: ParameterExpressions, scope: Scope, part: Variable, path: list[str]) -> s.DeferredValue:

@@ -21,11 +21,14 @@ from kennfeld.importers.simulink.variables.mask_scope import (
     ParameterValue,
     Scope,
     Variable,
+    canonical_path,
     nested_field,
+    passes_array,
+    split_index,
 )
 from kennfeld.matlab.parser import parse_expression
 from kennfeld.matlab.simulink_objects import ENUMERATION
-from kennfeld.matlab.values import MatlabCell, MatlabStruct
+from kennfeld.matlab.values import MatlabCell, MatlabStruct, StructArray, object_array
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import Evaluate, EvaluationContext, LibraryFunction
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
@@ -34,7 +37,7 @@ from kennfeld.models.imperative.library import C_FUNCTIONS, SYMBOLIC_FUNCTIONS
 from kennfeld.models.imperative.node_arrays import Nodes, Numbers, check_size
 from kennfeld.models.imperative.statement_interpreter import StatementInterpreter
 from kennfeld.program import tree as m
-from kennfeld.program.traversal import field_path
+from kennfeld.program.traversal import element_path
 
 FieldValue: TypeAlias = "Nodes | str | Mapping[str, ParameterValue] | tuple[ParameterValue, ...]"
 
@@ -139,7 +142,7 @@ class ParameterExpressions:
             raise EvaluationError(f"{text.strip()[:60]} refers to itself or is nested too deeply") from None
 
     def _evaluate_tree(self, tree: m.Expression, scope: Scope, live: bool, names: Mapping[str, Nodes]) -> FieldValue:
-        path = field_path(tree)
+        path = element_path(tree)
         if path is not None and path[0] not in names and (variable := self._find(path, scope, live)) is not None:
             return variable
         value = s.force(self.interpreter(scope, live, names).value(tree))
@@ -186,7 +189,27 @@ class ParameterExpressions:
         if value is None or isinstance(value, np.ndarray | str):
             return value
         variable = scope.find(name)
-        return _constant_value(self.builder, value, isinstance(variable, Variable) and variable.fixed)
+        is_fixed = isinstance(variable, Variable) and variable.fixed
+        if isinstance(value, StructArray) and isinstance(variable, Variable | MaskVariable) and not is_fixed:
+            return self._struct_array(name, value, scope, live)
+        return _constant_value(self.builder, value, is_fixed)
+
+    def _struct_array(self, name: str, value: StructArray, scope: Scope, live: bool) -> MatlabStruct:
+        """Return an array of structs for code, whose fields are looked up as parameters when they are used."""
+
+        def field(at: int, key: str) -> s.SymbolicValue:
+            path = [f"{name}({at})", key]
+            found = self._find(path, scope, live)
+            if found is None:  # an expression of the mask, whose elements have no names
+                return _constant_value(self.builder, value[at - 1][key])
+            if isinstance(found, StructArray):
+                return self._struct_array(".".join(path), found, scope, live)
+            return found if isinstance(found, np.ndarray) else _constant_value(self.builder, found)
+
+        elements = [
+            {key: s.DeferredValue(partial(field, at, key)) for key in value.names} for at in range(1, len(value) + 1)
+        ]
+        return MatlabStruct(object_array(elements, value.shape), value.names)
 
     def _query_model(self, evaluate: Evaluate, arguments: Sequence[m.Expression]) -> str:
         holder, *keys = arguments
@@ -235,21 +258,28 @@ class ParameterExpressions:
 
     def _find(self, path: Sequence[str], scope: Scope, live: bool) -> "FieldValue | None":
         """Return the value of a name or of a path of fields; None if the name is undefined."""
-        name, variable = ".".join(path), scope.find(path[0])
+        base, index = split_index(path[0])
+        name, variable = ".".join(path), scope.find(base)
         # a number that may be divided by and is a size: the evaluation is to reach the next undefined name
-        if name in self._assumed or path[0] in self._assumed:
+        if name in self._assumed or base in self._assumed:
             return s.constants(self.builder, np.ones((1, 1)))
         # a struct that a mask passes on: its fields keep the names that they have outside, and are calibrated by these
         if isinstance(variable, MaskVariable) and len(path) > 1:
-            outside = field_path(parse_expression(variable.text))
-            return self._find([*outside, *path[1:]], variable.outside, live) if outside is not None else None
+            # that of the first field behind it, as the text may name an element of an array of structs
+            outside = element_path(m.Field(_indexed(parse_expression(variable.text), index), path[1]))
+            return self._find([*outside, *path[2:]], variable.outside, live) if outside is not None else None
+        if isinstance(variable, Variable):
+            if passes_array(variable.value, path):
+                return None
+            path = canonical_path(variable.value, path)
+            name = ".".join(path)
         if (part := scope.part(path)) is not None:
             return self.variable(name, part, live)
         if isinstance(variable, MaskVariable | MaskCodeVariable):
             return self.mask_value(variable, live) if len(path) == 1 else None
         if variable is None:
             if len(path) > 1:
-                raise EvaluationError(f"{path[0]} is undefined", name)
+                raise EvaluationError(f"{base} is undefined", name)
             return None
         if len(path) > 1:
             return self.variable(name, _field_of(variable, list(path)), live)
@@ -294,6 +324,11 @@ class ParameterExpressions:
         return self.constant(variable.value)
 
 
+def _indexed(tree: m.Expression, index: int) -> m.Expression:
+    """Return the element of an index, counted from 1, of an expression; the expression for 0."""
+    return m.Call(tree, (m.Number(float(index)),)) if index else tree
+
+
 def _array_of(value: FieldValue, text: str) -> Nodes:
     if isinstance(value, np.ndarray):
         return value
@@ -308,6 +343,12 @@ def _constant_value(builder: GraphBuilder, value: ParameterValue, is_enumeration
     if isinstance(value, Mapping):
         fields = {key: s.DeferredValue(partial(_constant_value, builder, part)) for key, part in value.items()}
         return MatlabStruct.of(fields, ENUMERATION if is_enumeration else "")
+    if isinstance(value, StructArray):
+        elements = [
+            {key: s.DeferredValue(partial(_constant_value, builder, part[key])) for key in value.names}
+            for part in value
+        ]
+        return MatlabStruct(object_array(elements, value.shape), value.names)
     if isinstance(value, tuple):
         return MatlabCell.of((_constant_value(builder, part) for part in value), (1, len(value)))
     return s.constants(builder, np.asarray(value, dtype=np.float64))

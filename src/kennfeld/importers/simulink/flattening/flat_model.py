@@ -18,6 +18,7 @@ from kennfeld.importers.simulink.variables.data_types import DataType, output_ty
 from kennfeld.importers.simulink.variables.mask_scope import Scope
 
 STATE_PORT = -1  # the number of a state port among the outputs of its block
+RECORDING_TYPES = ("ToWorkspace", "SignalToWorkspace")  # the second one of the DSP System Toolbox
 SINK_TYPES = ("Scope", "Display", "ToFile", "XYGraph")
 
 
@@ -130,7 +131,7 @@ class FlatModel:
     @property
     def recorded(self) -> list[FlatBlock]:
         """Blocks that record a signal."""
-        return [flat for flat in self.blocks if flat.type == "ToWorkspace"]
+        return [flat for flat in self.blocks if flat.type in RECORDING_TYPES]
 
     @property
     def results(self) -> list[FlatBlock]:

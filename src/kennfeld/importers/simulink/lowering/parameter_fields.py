@@ -18,12 +18,13 @@ from kennfeld.importers.simulink.variables.mask_scope import (
     Scope,
     Variable,
     nested_field,
+    split_index,
 )
 from kennfeld.matlab.parser import parse_expression
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.imperative.node_arrays import Numbers
 from kennfeld.program import tree as m
-from kennfeld.program.traversal import field_path
+from kennfeld.program.traversal import element_path
 
 _MAX_NUMBERS = 10_000
 _INDEX_OPTIONS = (
@@ -101,13 +102,14 @@ def _variable(text: str, scope: Scope, deep: int = 0) -> tuple[str, Variable, bo
         bare, turned = _strip_casts(parse_expression(text))
     except InputError:
         return None
-    path = field_path(bare)
+    path = element_path(bare)
     # a mask parameter may refer to itself through further masks
     if path is None or deep > 50:
         return None
-    meaning = scope.find(path[0])
+    meaning = scope.find(split_index(path[0])[0])
     if isinstance(meaning, MaskVariable):
-        inner = ".".join([meaning.text.strip(), *path[1:]])
+        index = path[0].removeprefix(split_index(path[0])[0])
+        inner = ".".join([f"{meaning.text.strip()}{index}", *path[1:]])
         further = _variable(inner, meaning.outside, deep + 1) if meaning.evaluated else None
         if further is None:
             return None

@@ -154,6 +154,8 @@ def _with_truth_tables(chart: StoredChart, tables: Mapping[str, TruthTable]) -> 
 
 def _of_table_block(chart: StoredChart) -> StoredChart:
     """Return the chart of a Truth Table block: it calls its only function, whose variables are those of the chart."""
+    if any(not transition.parent for transition in chart.transitions):  # the call is stored
+        return replace(chart, kind="Chart", script="")
     call = f"{{{chart.states[0].name.partition('(')[0].rpartition('=')[2].strip()}();}}"
     end = StoredJunction("end of the call")
     transitions = (*chart.transitions, StoredTransition("call", call, "", end.id, 1))

@@ -1,8 +1,9 @@
 r"""Truth tables of Stateflow charts, as flow charts in C or as code in MATLAB.
 
-The file stores two arrays of texts, column by column: `100 C2x4{T"",T"",T"x > 1",T"Actions",T"T",T"1",T"F",T"2"}`.
-A row of the first one is a condition: its description, its code, and T, F or - for each decision; the last row names
-the actions of the decisions. A row of the second one is an action: its description and its code.
+The file stores two arrays of texts, column by column: `100 C2x4{T"",T"",T"x > 1",T"Actions",T"T",T"1",T"F",T"2"}`, or
+`<Array PropName="predicateArray" Type="Cell" Dimension="2*4">` with a `<Cell>` for each text. A row of the first one is
+a condition: its description, its code, and T, F or - for each decision; the last row names the actions of the
+decisions. A row of the second one is an action: its description and its code.
 
 All conditions are evaluated first. Then the first decision whose entries agree with them runs its actions.
 """
@@ -16,6 +17,7 @@ from kennfeld.importers.simulink.reader.model_tree import StoredData, StoredJunc
 from kennfeld.importers.simulink.reader.section_tree import SectionNode
 
 _ARRAY: Final = re.compile(r"\s*\d+\s+C(\d{1,4})x(\d{1,4})\s*\{(.*)\}\s*\Z", re.DOTALL)
+_SIZE: Final = re.compile(r"(\d{1,4})\*(\d{1,4})\Z")
 _TEXT: Final = re.compile(r'T"((?:[^"\\]|\\.|"")*)"', re.DOTALL)
 # WARM: the label of a condition or an action; := is an assignment
 _LABEL: Final = re.compile(r"\s*([A-Za-z]\w*)\s*:(?!=)\s*(.*)\Z", re.DOTALL)
@@ -50,7 +52,7 @@ def read_truth_table(section: SectionNode) -> TruthTable | None:
     table, code = section.first("truthTable"), section.first("eml")
     if table is None or table.get("isTruthTable") != "1":
         return None
-    rows, listed = _rows(table.get("predicateArray")), _rows(table.get("actionArray"))
+    rows, listed = (_rows(table, name) for name in ("predicateArray", "actionArray"))
     if not rows or any(len(row) < 2 for row in listed):
         return None
     # columns: description, condition, then one for each decision, whose actions are in the last row
@@ -63,17 +65,21 @@ def read_truth_table(section: SectionNode) -> TruthTable | None:
         if numbers is None or any(entry not in ("T", "F", *_ANY) for entry in entries):
             return None
         decisions.append((entries, numbers))
-    is_matlab = code is not None and code.get("isEML") == "1"
+    is_matlab = table.get("useEML") == "1" or (code is not None and code.get("isEML") == "1")
     return TruthTable(tuple(_labelled(row[1])[1] for row in conditions), tuple(decisions), actions, is_matlab)
 
 
-def _rows(written: str) -> list[tuple[str, ...]]:
+def _rows(table: SectionNode, name: str) -> list[tuple[str, ...]]:
     """Return the rows of an array of texts, none if it cannot be read."""
-    match = _ARRAY.match(written)
+    array = next((part for part in table.all("Array") if part.keys.get("PropName") == name), None)
+    match = _ARRAY.match(table.get(name)) if array is None else _SIZE.match(array.keys.get("Dimension", ""))
     if match is None:
         return []
-    height, width, inside = int(match[1]), int(match[2]), match[3]
-    texts = [text.replace('""', '"') for text in _TEXT.findall(inside)]
+    height, width = int(match[1]), int(match[2])
+    if array is not None:
+        texts = [cell.text for cell in array.all("Cell")]
+    else:
+        texts = [text.replace('""', '"') for text in _TEXT.findall(match[3])]
     if len(texts) != height * width:
         return []
     return [tuple(texts[row::height]) for row in range(height)]

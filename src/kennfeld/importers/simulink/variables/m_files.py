@@ -33,7 +33,7 @@ from kennfeld.matlab.parser import parse_leniently, parse_script
 from kennfeld.matlab.script_runner import run_script
 from kennfeld.matlab.simulink_objects import ENUMERATION, LookupTable, StructParameter, to_calibration_parameter
 from kennfeld.matlab.simulink_types import BUS, BUS_ELEMENT, TYPE_CLASSES
-from kennfeld.matlab.values import MatlabCell, MatlabStruct, from_python, object_array, text
+from kennfeld.matlab.values import MatlabCell, MatlabStruct, StructArray, from_python, object_array, text
 from kennfeld.matlab.values import Value as MatlabValue
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
 from kennfeld.program import tree as m
@@ -207,7 +207,7 @@ def _struct(value: MatlabStruct) -> ParameterValue:
         {name: part for name, inner in element.items() if (part := supported_value(inner)) is not None}
         for element in value.elements.ravel(order="F")
     ]
-    return elements[0] if len(elements) == 1 else tuple(elements)
+    return elements[0] if len(elements) == 1 else StructArray.of(elements, value.elements.shape)
 
 
 def run_parameter_script(variables: VariableTable, path: Path, load: Load) -> None:

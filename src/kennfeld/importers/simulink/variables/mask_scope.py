@@ -1,5 +1,6 @@
 """Name resolution in block fields: mask parameters from the innermost mask outwards, then model variables."""
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from typing import Any, TypeAlias, Union
@@ -13,11 +14,13 @@ from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.importers.simulink.reader.model_tree import ModelBlock, StoredSolver, split_arguments
 from kennfeld.matlab.parser import parse_leniently
 from kennfeld.matlab.printer import format_expression
+from kennfeld.matlab.values import StructArray
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.imperative.node_arrays import Numbers
 from kennfeld.program import tree as m
 from kennfeld.program.traversal import names_assigned, names_read
 
+_ELEMENT = re.compile(r"(\w+)\((\d+)\)")
 ParameterValue: TypeAlias = Union[Numbers, str, "Mapping[str, ParameterValue]", "tuple[ParameterValue, ...]"]
 
 USER_SOURCE = "given"  # source of values given by name
@@ -242,12 +245,59 @@ def _field_text(value: ParameterValue | None) -> str:
 
 
 def nested_field(value: ParameterValue, path: list[str]) -> ParameterValue:
-    """Look up the struct field at the end of a path; raises `EvaluationError`."""
-    for at, name in enumerate(path[1:], 1):
-        if not isinstance(value, Mapping) or name not in value:
-            raise EvaluationError(f"{'.'.join(path[:at])} has no field {name}", ".".join(path))
-        value = value[name]
+    """Look up the struct field at the end of a path, as of `element_path`; raises `EvaluationError`."""
+    for at, written in enumerate(path):
+        name, index = split_index(written)
+        if at:
+            if not isinstance(value, Mapping) or name not in value:
+                raise EvaluationError(f"{'.'.join(path[:at])} has no field {name}", ".".join(path))
+            value = value[name]
+        if index and isinstance(value, tuple):
+            if index > len(value):
+                message = f"index {index} of {'.'.join([*path[:at], name])} exceeds its size {len(value)}"
+                raise EvaluationError(message, ".".join(path))
+            value = value[index - 1]
+        elif index > 1:
+            raise EvaluationError(f"index {index} of {'.'.join([*path[:at], name])} exceeds its size 1", ".".join(path))
     return value
+
+
+def passes_array(value: ParameterValue, path: Sequence[str]) -> bool:
+    """Return True if a path names a field of an array of structs as a whole, of which each element has one."""
+    for at, written in enumerate(path):
+        name, index = split_index(written)
+        if at:
+            if not isinstance(value, Mapping) or name not in value:
+                return False
+            value = value[name]
+        if isinstance(value, StructArray) and not index:
+            return at + 1 < len(path)
+        if index and isinstance(value, tuple):
+            if index > len(value):
+                return False
+            value = value[index - 1]
+    return False
+
+
+def canonical_path(value: ParameterValue, path: Sequence[str]) -> list[str]:
+    """Return a path in which single structs have no index, so that a parameter has one name: `p(1).a` is `p.a`."""
+    result: list[str] = []
+    for at, written in enumerate(path):
+        name, index = split_index(written)
+        part = nested_field(value, [*result, name]) if at or not index else value
+        is_single = index == 1 and not isinstance(part, tuple)
+        result.append(name if is_single else written)
+    return result
+
+
+def split_index(written: str) -> tuple[str, int]:
+    """Return name and index of a part of a path; 0 if it has no index.
+
+    >>> split_index("gain(2)"), split_index("gain")
+    (('gain', 2), ('gain', 0))
+    """
+    match = _ELEMENT.fullmatch(written)
+    return (match[1], int(match[2])) if match else (written, 0)
 
 
 class VariableTable(dict[str, Variable]):
@@ -277,5 +327,6 @@ def equal_values(value: ParameterValue, other: ParameterValue) -> bool:
     if isinstance(value, Mapping) and isinstance(other, Mapping):
         return value.keys() == other.keys() and all(equal_values(value[key], other[key]) for key in value)
     if isinstance(value, tuple) and isinstance(other, tuple):
-        return len(value) == len(other) and all(map(equal_values, value, other))
+        shapes = [part.shape if isinstance(part, StructArray) else () for part in (value, other)]
+        return shapes[0] == shapes[1] and len(value) == len(other) and all(map(equal_values, value, other))
     return type(value) is type(other) and value == other

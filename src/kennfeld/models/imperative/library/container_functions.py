@@ -58,6 +58,7 @@ def _form(value: s.SymbolicValue) -> object:
     if isinstance(value, str):
         return str(value)
     if isinstance(value, MatlabStruct):
+        s.check_single(value)
         return frozenset(value.fields)
     return ("cell", value.values.shape) if isinstance(value, MatlabCell) else s.as_array(value).shape
 
