@@ -1,4 +1,4 @@
-"""What takes a while says so, and can be stopped."""
+"""Work that takes a while reports its progress and can be stopped."""
 
 import threading
 from pathlib import Path
@@ -14,8 +14,8 @@ from kennfeld.app.workspace import AppWorkspace
 from kennfeld.base.errors import ArgumentError
 
 
-class Told(list[tuple[str, float | None]]):
-    """What an activity tells; stops it at a text."""
+class Reports(list[tuple[str, float | None]]):
+    """The reports of an activity, which stops at a text."""
 
     def __init__(self, stop_at: str = "") -> None:
         super().__init__()
@@ -29,7 +29,7 @@ class Told(list[tuple[str, float | None]]):
 
 
 def test_reading_tells_files_and_bytes_and_then_the_share_that_is_read(torque: Path) -> None:
-    reports = Told()
+    reports = Reports()
     Session(torque, activity=reports.activity)
     size = sum((torque.parent / name).stat().st_size for name in ("bench.csv", "fresh.csv", "motored.csv"))
     texts = [text for text, _ in reports]
@@ -39,7 +39,7 @@ def test_reading_tells_files_and_bytes_and_then_the_share_that_is_read(torque: P
 
 
 def test_a_project_whose_reading_was_stopped_is_open_and_reads_on_request(torque: Path) -> None:
-    reports = Told("1 of 3")
+    reports = Reports("1 of 3")
     session = Session(torque, activity=reports.activity)
     assert session.view is None
     assert session.interrupted

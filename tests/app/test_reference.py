@@ -1,4 +1,4 @@
-"""What the present values are compared with: the start, a run or a file."""
+"""The reference of the present values: the start, a run or a file."""
 
 from pathlib import Path
 

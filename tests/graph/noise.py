@@ -62,7 +62,7 @@ def difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def steady(exact: np.ndarray, change: np.ndarray) -> np.ndarray:
-    """Where rounding moves a value by no more than rounding does."""
+    """Return the elements that rounding of the inputs moves by no more than rounding of the result."""
     with np.errstate(all="ignore"):
         return change <= 1e-6 * (1.0 + np.where(np.isfinite(exact), np.abs(exact), 0.0))
 

@@ -1,4 +1,4 @@
-"""Formula text to syntax: precedence, lines, and what is said about wrong text."""
+"""Formula text to syntax: precedence, lines, and the messages about wrong text."""
 
 import pytest
 

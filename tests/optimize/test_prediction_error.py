@@ -101,7 +101,7 @@ def test_the_value_is_misfit_over_the_squared_residual_freedom(compiled):
     residual, jacobian = compiled.sums.rows(compiled.start)
     values = compiled.start[: compiled.values.free]
     penalty = sum(f * block.rows(values)[1].T @ block.rows(values)[1] for f, block in zip(factors, blocks, strict=True))
-    influence = jacobian @ np.linalg.pinv(jacobian.T @ jacobian + penalty) @ jacobian.T
+    influence = jacobian @ np.linalg.pinv(jacobian.T @ jacobian + penalty, rcond=1e-12) @ jacobian.T
     measured = jacobian @ values - residual
     misfit = np.sum((measured - influence @ measured) ** 2)
     expected = 200 * np.log(misfit / (1 - GAMMA * np.trace(influence) / 200) ** 2)

@@ -48,6 +48,12 @@ def test_the_text_has_the_message_and_a_line_for_each_dataset(result):
     assert [line.split()[:2] for line in values] == [["parameter", "value"], ["a", "1"], ["b", "2"]]
 
 
+def test_the_repr_of_a_result_and_of_its_residuals_is_short(result):
+    assert repr(result).startswith("Result('converged', ParameterSet(")
+    assert f"RMSE of m on training {result.quality[0].rmse_after:.4g}" in repr(result)
+    assert len(repr(result.residuals())) < 1000
+
+
 def test_a_notebook_shows_a_table(result):
     shown = result._repr_html_()
     assert shown.count("<tr>") == 3

@@ -110,6 +110,14 @@ def test_an_input_without_a_channel_shows_the_line_to_write(shop):
     assert 'Name its channel in [channels]: Speed = "..."' in error
 
 
+def test_an_input_that_may_be_a_scalar_comes_with_the_section_that_defines_it(shop):
+    shop.bench("bench.csv", **{"n [rpm]": None})
+    [finding] = shop.change('[channels]\nSpeed = "n"\n', "").findings()
+    assert finding.excerpt == "[parameters.Speed]\ninitial = 1.0"
+    shop.toml = shop.toml.replace("[calibration]", '[channels]\nSpeed = "m"\n[calibration]')
+    assert [finding.excerpt for finding in shop.findings()] == [""]
+
+
 def test_a_channel_missing_in_many_files_is_one_finding(shop):
     for i in range(5):
         shop.bench(f"run{i}.csv", **{"Load": None})

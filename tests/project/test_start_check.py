@@ -1,4 +1,4 @@
-"""Initial values from which nothing can move: `check` says so, with values that can."""
+"""Initial values from which nothing can move: `check` reports them, with values that can."""
 
 import numpy as np
 import pytest

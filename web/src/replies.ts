@@ -1383,7 +1383,7 @@ export interface SurrogateQualityRow {
   max_abs: number | null;
 }
 
-/** Where surrogates are used outside of their training data, by surrogate and dataset. */
+/** Uses of surrogates outside of their training data, by surrogate and dataset. */
 export interface ValidityRows {
   rows: ValidityRow[];
 }
@@ -1859,7 +1859,7 @@ export interface FoundTerms {
   status: string;
   /** The verdict, a sentence. */
   message: string;
-  /** RMSE of the least effect that would have been seen. */
+  /** RMSE of the smallest effect that would have been detected. */
   smallest: number | null;
   unit: string;
   candidates: number;
@@ -1897,7 +1897,7 @@ export interface TermRow {
   values: number;
   /** The first and the last breakpoint of a curve, each with its value. */
   ends: [number, number][];
-  /** Others that the data cannot tell from it. */
+  /** Others that the data cannot distinguish from it. */
   places: PlaceRow[];
   heldOutParts: HeldOutRow[];
   /** Of the node in the source of the function. */

@@ -1,6 +1,7 @@
 """Residuals of a parameter set: absolute, relative and studentized, with summaries and the worst samples."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import field
 from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
@@ -53,9 +54,9 @@ class Errors:
 
     dataset: str
     use: Use
-    absolute: Float  # Float[samples], in the unit of the target
-    relative: Float  # Float[samples]
-    scaled: Float  # Float[samples]
+    absolute: Float = field(repr=False)  # Float[samples], in the unit of the target
+    relative: Float = field(repr=False)  # Float[samples]
+    scaled: Float = field(repr=False)  # Float[samples]
 
 
 @dataclass(frozen=True)
@@ -111,10 +112,10 @@ class Residuals:
     unit: str
     scaling: Scaling
     deviation: float
-    errors: tuple[Errors, ...]
+    errors: tuple[Errors, ...] = field(repr=False)
     summaries: tuple[Summary, ...]
-    cells: tuple[CellErrors, ...]
-    worst: tuple[WorstSample, ...]
+    cells: tuple[CellErrors, ...] = field(repr=False)
+    worst: tuple[WorstSample, ...] = field(repr=False)
 
 
 def residuals(

@@ -27,7 +27,7 @@ class FoldQuality:
 
 @dataclass(frozen=True)
 class CrossValidation(NotebookDisplay):
-    """The quality of every fold.
+    """The errors of a cross-validation, by fold and criterion.
 
     Attributes:
         folds: a row for each fold and criterion: its number, the held-out data, samples, and RMSE on both sides.

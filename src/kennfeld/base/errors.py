@@ -173,8 +173,8 @@ class Finding(NotebookDisplay):
         message: the problem.
         remedy: what to do about it; may be empty.
         excerpt: the text that the location shows; may be empty.
-        severity: an `error` refuses the input, a `warning` asks the user to look at something, and a `remark` states
-            what was done with the input.
+        severity: an `error` means that the input cannot be used, a `warning` that something should be checked, and a
+            `remark` states what was done with the input.
         fixes: changes of the project file that solve the problem, each of them alone.
 
     >>> print(Finding(Location("torque.kf", 4), "unknown parameter MapOptTorqe", "Did you mean MapOptTorque?"))

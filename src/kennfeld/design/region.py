@@ -117,7 +117,7 @@ def _planes(points: Float) -> Float:
 
 @dataclass(frozen=True, eq=False)
 class BenchRegion:
-    """Where points may be measured.
+    """The region in which points may be measured.
 
     Attributes:
         ranges: lower and upper end of each channel; equal ones keep it constant.

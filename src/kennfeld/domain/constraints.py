@@ -17,12 +17,12 @@ UNBOUNDED = float("inf")
 
 @dataclass(frozen=True)
 class Limit:
-    """Bounds of an output at every scored sample of the training data: `lower <= node <= upper`.
+    """Limits of an output at every scored sample of the training data: `lower <= node <= upper`.
 
     Attributes:
         node: a node, or an expression over nodes, inputs, channels and lookups of tables, `MapA(u, 1)`.
-        lower: lower bound, in the unit of the node; None stands for no bound.
-        upper: upper bound.
+        lower: lower limit, in the unit of the node; None stands for no limit.
+        upper: upper limit.
         where: a condition over inputs and channels; the limit applies to samples at which it is not 0.
 
     Raises:

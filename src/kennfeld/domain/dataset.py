@@ -126,8 +126,8 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
         use: "training" or "test".
         scored: samples that are scored, Bool[samples]; the others are only simulated. None for all.
         findings: warnings and remarks of the reader, such as the number of infinite values.
-        max_gap: longest gap of NaN in an input that is interpolated, in s; longer ones end a piece, as does a pause, a
-            time step longer than that and than `PAUSE` usual ones, which are the upper quartile of the steps.
+        max_gap: longest gap of NaN in an input that is interpolated, in s; longer ones end a piece, and so does a
+            time step longer than both this gap and `PAUSE` (20) times the upper quartile of the steps.
         weight_channel: channel that multiplies the loss of each sample; empty for none.
         settling: simulation of steady-state points by a model with memory.
         warmup: time from the start of each piece that is simulated but not scored, in s.

@@ -33,8 +33,8 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
     A group axis (an axis with a name) has the same breakpoints in every table that uses it, and falls in files for all
     of them or for none: as it does in `axes`, else in the first table.
 
-    Members that were read from files know what the format of their file cannot state, so that `completed` can take it
-    from another set, however many sets were merged; `unstated` marks all members of a new set in this way.
+    Members read from files record what the format of their file cannot state, so that `completed` can take it from
+    another set, however many sets were merged; `unstated` marks all members of a new set in this way.
 
     A parameter with several variants is a member in one of them; `in_variant` selects, and `values["Kp", "Engine=2"]`
     is the parameter in a variant.

@@ -77,7 +77,7 @@ class Parameter(NotebookDisplay):
     Raises:
         ArgumentError: shapes, bounds or axes are inconsistent.
 
-    A parameter can be called with coordinates, and NumPy takes it for its values.
+    A parameter can be called with coordinates; NumPy functions take it as the array of its values.
 
     >>> gain = Curve("Gain", [0, 10, 20], [1.0, 1.2, 1.6])
     >>> gain(15), np.asarray(gain)
@@ -198,7 +198,7 @@ class Parameter(NotebookDisplay):
         return same and all(np.array_equal(a.breakpoints, b.breakpoints) for a, b in pairs)
 
     def with_values(self, values: ArrayLike) -> Self:
-        """Return the same parameter holding other values: an array of its shape, or a flat one in C order."""
+        """Return the same parameter with other values: an array of its shape, or a flat one in C order."""
         numbers = array(values, f"values of {self.name}")
         if numbers.shape not in (self.values.shape, (self.size,)):
             raise ArgumentError(f"{self.name} has values of shape {self.values.shape}, got {numbers.shape}")

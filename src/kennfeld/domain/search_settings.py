@@ -36,8 +36,8 @@ class SearchSettings:
         default_text="1e-8; up to 3e-5 for large problems",
     )
     max_seconds: float | None = key(
-        "time in s after which the search stops with the best values so far, at the end of the step that it is at; the "
-        "status is then `stopped`",
+        "time in s after which the search stops with the best values so far, once its current iteration is complete; "
+        "the status is then `stopped`",
         None,
         above=0,
         default_text="unlimited",

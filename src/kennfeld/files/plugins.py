@@ -89,7 +89,7 @@ def _loaded(entry: "EntryPoint", kind: type[_T]) -> _T:
 
 
 def _guarded(known: FileFormat) -> FileFormat:
-    """Return a format whose recogniser fails only once: that is said, and the files are of another format."""
+    """Return a format whose recogniser fails only once: a warning reports it, and the files are of another format."""
     if known.recognises is None:
         return known
     is_broken = False

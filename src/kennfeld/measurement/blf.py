@@ -35,7 +35,7 @@ _IDENTIFIER, _EXTENDED = (1 << 29) - 1, 1 << 31
 
 
 class _Layout(NamedTuple):
-    """Where a frame object holds its parts, from the end of its headers on; `bytes` are those of its payload."""
+    """The offsets of the parts of a frame object, from the end of its headers on; `bytes` are those of its payload."""
 
     bus: str
     flags: tuple[str, int]

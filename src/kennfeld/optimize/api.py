@@ -97,8 +97,8 @@ def calibrate(
         model: a model, formula text, or a problem, which has all but `options` and `progress`.
         data: training data; several datasets, or columns by name (a dict, a DataFrame). A column `time`, or an index of
             dates, is the time in s; `time [ms]` in ms. A function with its own step reads inputs interpolated onto it.
-        start: the current calibration: a set, a result, a parameter or several, a calibration file; or numbers by name
-            for models of scalars alone.
+        start: the current calibration: a set, a result, a parameter or several, a calibration file, or a dict of
+            numbers and parameters by name. A table needs a parameter, such as a `Curve`.
         target: the channel that the model's output shall follow, or a number; or give `criteria` instead.
         node: the output that follows the target, if the model has several.
         criteria: several targets, with weights and losses.
@@ -198,7 +198,7 @@ def simulate(model: Model | str, data: Data, parameters: Start, channels: Mappin
 
     Returns:
         A channel for each named node, Float[samples]. Samples at which an input has no value are left out; a warning,
-        which is among the `findings` of the dataset as well, says which.
+        also in the `findings` of the dataset, states which.
 
     Raises:
         InputError: an input or a parameter of the model is missing, or the data do not fit its step.

@@ -271,20 +271,27 @@ class RecordingReader:
             message = f"has no channel {channel}, {purpose}"
             fixes = self._other_channels(channel, purpose)
             remedy = self._remedy(channel, purpose)
-            self.findings.append(Finding(Location(join_names(files, 1)), message, remedy, fixes=fixes))
+            section = f"[parameters.{quoted(channel)}]\ninitial = 1.0" if self._may_be_scalar(channel, purpose) else ""
+            self.findings.append(Finding(Location(join_names(files, 1)), message, remedy, section, fixes=fixes))
 
     def _remedy(self, channel: str, purpose: str) -> str:
         if channel == RECORDING:  # of a part of the data, which does not know the others
             return "Data in partitions are not numbered: record the number in a channel, or write partition = 0."
         remedy = nearest(channel, self._candidates) or f"It has {join_names(self._candidates)}."
-        # an input that no file has and nobody mapped may be meant as a parameter
-        if purpose.startswith(INPUT) and channel not in self.settings.channels.values():
+        if self._is_unmapped_input(channel, purpose):
             key = quoted(channel)
             scalar = f"or define a scalar: [parameters.{key}] initial = 1.0."
             constant = f'or set it to a number: [calculated] {key} = "1.0".'
-            alternative = scalar if self.channels.names_are_open else constant
+            alternative = scalar if self._may_be_scalar(channel, purpose) else constant
             return f'{remedy} Name its channel in [channels]: {key} = "..."; {alternative}'
         return remedy
+
+    def _is_unmapped_input(self, channel: str, purpose: str) -> bool:
+        return purpose.startswith(INPUT) and channel not in self.settings.channels.values()
+
+    def _may_be_scalar(self, channel: str, purpose: str) -> bool:
+        """Return True for an input that no file has and nobody mapped, of formula text that does not declare it."""
+        return self._is_unmapped_input(channel, purpose) and self.channels.names_are_open
 
     def _other_channels(self, channel: str, purpose: str) -> tuple[Fix, ...]:
         """Return the fix by which an input is read from another channel of the files that lack one."""

@@ -444,7 +444,7 @@ class Project:
 
         Returns:
             All named nodes and the target channels, a dataset each. Samples at which an input has no value are left
-            out; a warning, which is among the `findings` of the dataset as well, says which.
+            out; a warning, also in the `findings` of the dataset, states which.
 
         Raises:
             InputError: the project has errors, a table does not fit the function, or its data are in partitions.

@@ -123,7 +123,7 @@ def _action(change: Change) -> str:
 def _details(change: Change) -> str:
     if not change.replaces:
         return ""
-    return "; ".join(map(_detail, change.differences)) or "description or settings"
+    return "; ".join(map(_detail, change.differences)) or "equal values; description, inputs of axes or settings differ"
 
 
 def _detail(difference: Difference) -> str:

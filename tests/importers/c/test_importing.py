@@ -1,4 +1,4 @@
-"""C functions as models and in formula text, and what is said about those that cannot be read."""
+"""C functions as models and in formula text, and the messages about those that cannot be read."""
 
 import numpy as np
 import pytest

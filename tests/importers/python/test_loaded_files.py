@@ -1,4 +1,4 @@
-"""What a Python file loads from its folder: found without running it, part of its digest, and importable."""
+"""The files that a Python file loads from its folder: found without running it, part of its digest, and importable."""
 
 import sys
 from pathlib import Path

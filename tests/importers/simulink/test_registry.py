@@ -1,4 +1,4 @@
-"""What the importer knows of a block type is in its record, so that a new block needs no other module."""
+"""The record of a block type is all that the importer needs, so that a new block needs no other module."""
 
 import pytest
 

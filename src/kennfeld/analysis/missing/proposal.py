@@ -72,13 +72,13 @@ class TermProposal:
 
     Attributes:
         term: the term.
-        equal_places: others that the data cannot tell from it.
+        equal_places: other places that the data cannot distinguish from its own.
         rmse: on the training data, after a fit with the term.
         held_out: on held-out parts of the training data.
         held_name: what was held out, such as `files`.
         test: on the test data; None without.
         predicted: RMSE on the training data before any fit with the term.
-        probability: of such a gain without a missing term, times the number of candidates.
+        probability: of such a gain if nothing is missing, times the number of candidates.
         parameter: the new parameter, fitted; None for a delay.
         better: number of held-out parts that the term makes better.
         parts: number of held-out parts.
@@ -193,16 +193,16 @@ class TermProposals:
 
     Attributes:
         proposals: each of them alone would make the function better on data that its fit has not seen.
-        smallest_effect: RMSE of the least effect that would have been seen.
+        smallest_effect: RMSE of the smallest effect that would have been detected.
         status: `found`, `none`, or `failed` if the function could not be judged.
         message: the status as a sentence.
         candidates: number of terms that were scored.
-        share_left: share of the cost that the values themselves would still take off.
-        share: share of the cost that the best candidate would take off, if it is significant.
+        share_left: share of the cost that a further fit of the present values would remove.
+        share: share of the cost that the best candidate would remove, if it is significant.
         best: the best candidate, in words, if it is significant.
         rejected: significant candidates that were no better on held-out data, in words.
         excluded: channels that take no part, with the reason.
-        remarks: what else there is to know.
+        remarks: further remarks, as sentences.
         seconds: time of the scores, and of the fits.
         unit: of the RMSE.
         problem: the function as it is, at the end of its fit; None if it could not be judged.

@@ -12,7 +12,7 @@ EQUAL = 9.2  # difference of gains in units of the dispersion: odds of 100 to 1 
 
 @dataclass(frozen=True)
 class CandidateGroup:
-    """The best candidate of its kind, and others that the data cannot tell from it, the best first."""
+    """The best candidate of its kind, and others that the data cannot distinguish from it, best first."""
 
     best: TermScore
     equal: tuple[TermScore, ...]

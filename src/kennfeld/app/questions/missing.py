@@ -81,7 +81,7 @@ class TermRow:
         values: number of values of the term.
         second: the second channel of a map.
         ends: the first and the last breakpoint of a curve, each with its value.
-        places: others that the data cannot tell from it.
+        places: others that the data cannot distinguish from it.
         location: of the node in the source of the function.
     """
 
@@ -111,7 +111,7 @@ class FoundTerms:
     Attributes:
         old: true if values, function or data have changed since.
         message: the verdict, a sentence.
-        smallest: RMSE of the least effect that would have been seen.
+        smallest: RMSE of the smallest effect that would have been detected.
         stopped: candidates that were fitted, and all that were to be; null if the search has ended.
         rejected: candidates that are not proposed, in words.
         excluded: channels that took no part, with the reason.

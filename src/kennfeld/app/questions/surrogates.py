@@ -113,7 +113,7 @@ class ValidityRow:
 
 @dataclass(frozen=True)
 class ValidityRows:
-    """Where surrogates are used outside of their training data, by surrogate and dataset."""
+    """Uses of surrogates outside of their training data, by surrogate and dataset."""
 
     rows: Sequence[ValidityRow]
 

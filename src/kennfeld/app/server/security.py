@@ -1,4 +1,4 @@
-"""Who may talk to the server: the browser that opened the address it printed, and nobody else.
+"""Access to the server: only for the browser that opened the address it printed.
 
 The printed address carries a random token. The first request swaps it for a cookie that scripts cannot read and other
 sites cannot send. The browser that the command opens gets a token of its own, which opens one page, from a file that

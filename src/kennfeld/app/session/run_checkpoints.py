@@ -21,7 +21,7 @@ INTERVAL = 2.0  # s between checkpoints without `save_every`
 
 @dataclass(frozen=True)
 class RunCheckpoints:
-    """Where a run keeps its checkpoints.
+    """The checkpoints of a run, and their folder.
 
     Attributes:
         project: the project file.

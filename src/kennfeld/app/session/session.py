@@ -142,7 +142,7 @@ class Session(SavedProject):
 
     @property
     def checkpoints(self) -> RunCheckpoints:
-        """Where runs are kept, so that an interrupted one can be resumed."""
+        """The checkpoints of runs, from which an interrupted one can be resumed."""
         return RunCheckpoints(self.path, 0 if self.project is None else self.project.file.optimizer.save_every)
 
     @property

@@ -21,7 +21,7 @@ from kennfeld.domain.parameter_set import ParameterSet
 
 Cells = Mapping[str, Sequence[int] | None]
 
-WORSE = 1.2  # RMSE over the larger one of both sets from which tables are said to belong together
+WORSE = 1.2  # RMSE over the larger one of both sets from which tables are reported to belong together
 TOGETHER = 1.5  # and up to which further tables are looked for
 MAX_TRIED = 12  # tables that may belong to the chosen ones, those that differ most
 

@@ -119,7 +119,7 @@ def read_fmu(path: Path, function: str, name: str, step: float | None, outputs: 
     # formula text cannot write brackets and parentheses; a model of its own keeps the names
     spell = call_name if name else str
     remarks = find_remarks(description, path, interface)
-    # what the user did not ask for is said
+    # what the user did not request is reported
     if further and not stated.number_outputs and not outputs:
         remarks.append(Finding(Location(path.name), _states_remark(stated), severity="remark"))
     inputs = [FunctionInput(spell(x), v.unit, later=together) for v in description.number_inputs for x in v.elements]

@@ -1,4 +1,4 @@
-"""Messages about trajectories of FMUs that stopped, and messages of the FMUs themselves; each one is said once."""
+"""Messages about trajectories of FMUs that stopped, and messages of the FMUs themselves; each one is reported once."""
 
 import ctypes
 import logging

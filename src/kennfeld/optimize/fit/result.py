@@ -4,13 +4,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import field
 from functools import cached_property
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import ArgumentError, Finding
-from kennfeld.base.formatting import number_text
+from kennfeld.base.formatting import join_names, number_text
 from kennfeld.base.frozen_dict import FrozenDict
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.notebook_display import NotebookDisplay
@@ -54,8 +54,8 @@ class TraceLine:
         rmse: of the first criterion on the training data.
         step: length of the step, in units of the scales of the values.
         damping: of the step.
-        active: number of limits that hold it.
-        seconds: since the begin of the compilation.
+        active: number of active limits.
+        seconds: time since compilation began, in s.
 
     >>> from kennfeld import calibrate
     >>> line = calibrate("y = k * x", {"x": [1.0, 2.0], "m": [2.0, 4.0]}, {"k": 0.0}, target="m").trace[0]
@@ -250,6 +250,16 @@ class Result(NotebookDisplay):
         undetermined = undetermined_lines(self.trust, "; see result.trust", "kennfeld.design(result, direction=1)")
         return "\n".join([f"{self.status}: {self.message}", *lines, *rounded, *warnings, *undetermined])
 
+    def __repr__(self) -> str:
+        errors = [f"RMSE of {row.criterion} on {row.dataset} {row.rmse_after:.4g}" for row in self.quality]
+        return f"Result({self.status!r}, {self.parameters!r}, {join_names(errors, 3)})"
+
+    @overload
+    def simulate(self, data: "Data", *, problem: "Problem | None" = None) -> "Dataset": ...
+
+    @overload
+    def simulate(self, data: None = None, *, problem: "Problem | None" = None) -> "list[Dataset]": ...
+
     def simulate(self, data: "Data | None" = None, *, problem: "Problem | None" = None) -> "Dataset | list[Dataset]":
         """Evaluate the function with the fitted values.
 
@@ -264,6 +274,11 @@ class Result(NotebookDisplay):
         Raises:
             ArgumentError: the problem is not known.
             InputError: the data do not have the inputs of the function.
+
+        >>> from kennfeld import calibrate
+        >>> result = calibrate("y = k * x", {"x": [1.0, 2.0], "m": [2.0, 4.0]}, {"k": 0.0}, target="m")
+        >>> result.simulate({"x": [3.0]})["y"].values.round(6)
+        array([6.])
         """
         own = self._problem(problem)
         if data is not None:

@@ -103,8 +103,8 @@ class Options(SearchSettings):
         tolerance: relative change of the cost at which a descent ends; default is 1e-8, up to 3e-5 for
             large problems.
         continuation: `auto` smooths lookups first if that is possible, or `off`.
-        max_seconds: time after which a search stops at its best values, with the status `stopped`, at the end of the
-            step that it is at.
+        max_seconds: time after which a search stops at its best values, with the status `stopped`, once its
+            current iteration is complete.
         method: `gauss-newton`, or `global` to search without gradients, for few values and a discontinuous cost; all
             values then need bounds.
         max_evaluations: budget of the global search; 0 stands for 2000 (values + 4) up to 5 values,

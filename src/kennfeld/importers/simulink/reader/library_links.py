@@ -98,7 +98,7 @@ class LibraryResolver:
 
 @dataclass(frozen=True)
 class _Place:
-    """Where a system is copied to: source document, paths there and here, and the links followed so far."""
+    """The destination of a copied system: source document, paths there and here, and the links followed so far."""
 
     document: ModelDocument
     here: str

@@ -18,7 +18,7 @@ _PART = re.compile(r"[\w. -]{1,128}\Z")  # of the path of a file
 
 @dataclass(frozen=True)
 class FileSearch:
-    """Where the files of a model are found: in its own folder and in `folders`; `given` are files of the user.
+    """Searches the files of a model in its own folder and in `folders`; `given` are files of the user.
 
     Each dictionary and each folder is read once, since referenced models share them.
     """
