@@ -56,7 +56,7 @@ def test_the_page_loads_little_before_it_can_be_used() -> None:
     imported = re.findall(r"""from[`"']\./([\w-]+\.js)[`"']""", (STATIC / "app.js").read_text(encoding="utf-8"))
     assert imported
     first = [STATIC / name for name in ("index.html", "app.js", "index.css", *imported)]
-    assert sum(path.stat().st_size for path in first) < 310_000
+    assert sum(path.stat().st_size for path in first) < 320_000
 
 
 def test_bundles_load_no_external_resources() -> None:

@@ -224,7 +224,9 @@ def test_files_of_a_store_are_listed_by_their_address(tmp_path: Path) -> None:
     session = Session(path)
     assert overview.overview(session).excerpt[1] == SAMPLES
     _, road = QUESTIONS["files"](session, {}).head["datasets"]
-    assert road["files"] == [{"name": f"file://{tmp_path}/road.csv", "note": "read in partitions", "channels": []}]
+    assert road["files"] == [
+        {"name": f"file://{tmp_path}/road.csv", "note": "read in partitions", "channels": [], "groups": []}
+    ]
 
 
 def test_further_channels_of_recordings_are_refused_with_a_reason(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import sys
 import time
 import zipfile
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -250,8 +251,8 @@ def test_a_project_that_cannot_be_opened_ends_the_server(tmp_path: Path) -> None
     from kennfeld.app.workspace import AppWorkspace
     from kennfeld.base.errors import InputError
 
-    with pytest.raises(InputError, match="the project file does not exist"):
-        serve(AppWorkspace(), 0, lambda _: None, tmp_path / "kennfeld.toml")
+    with ThreadPoolExecutor(1) as pool, pytest.raises(InputError, match="the project file does not exist"):
+        pool.submit(serve, AppWorkspace(), 0, lambda _: None, tmp_path / "kennfeld.toml").result()
 
 
 @pytest.mark.parametrize(("content", "message"), [(None, "does not exist"), (b"\xff", "is not text in UTF-8")])
@@ -315,5 +316,6 @@ def test_the_state_after_a_command_precedes_its_answer_and_only_the_newest_one_w
     page = OpenPage(Socket())  # type: ignore[arg-type]
     for number, topic in enumerate(["", "state", "state", "", "state", "activity", "state"]):
         page.put(Answer({"number": number}), topic)
-    asyncio.run(page.send_all())
+    with ThreadPoolExecutor(1) as pool:  # the browser of other tests has an event loop in this thread
+        pool.submit(asyncio.run, page.send_all()).result()
     assert sent == [("answer", 0), ("state", 2), ("answer", 3), ("activity", 5), ("state", 6)]

@@ -235,7 +235,7 @@ def test_a_term_that_moves_the_function_far_is_predicted_as_it_is_fitted():
     assert first.rmse.after < 0.4
 
 
-def test_samples_without_a_channel_are_no_improvement_by_it():
+def test_samples_that_lack_a_channel_count_neither_before_nor_after():
     rng = np.random.default_rng(0)
     x, z = rng.uniform(0, 1, (2, 600))
     m = 2 * x + 0.2 * z + 0.1 * rng.normal(size=600)

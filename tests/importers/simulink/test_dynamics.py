@@ -653,7 +653,7 @@ def test_unsupported_settings_are_reported(tmp_path):
         ("Lookup_n-D", {"NumberOfTableDimensions": "1", "InterpMethod": "Lagrange"}, "InterpMethod 'Lagrange'"),
         ("Integrator", {"WrapState": "on"}, "WrapState is on"),
         ("SwitchCase", {"CaseConditions": "{1, Mode.idle}"}, "variable Mode.idle: undefined"),
-        ("SignalGenerator", {"WaveForm": "sawtooth"}, "its wave form 'sawtooth'"),
+        ("SignalGenerator", {"WaveForm": "random"}, "its wave form 'random'"),
     ):
         with pytest.raises(InputError, match=reason):
             imported(alone(kind, **options), tmp_path)

@@ -189,7 +189,7 @@ class Server:
 
     async def _upload(self, request: Request) -> Response:
         """Store a file that was dropped onto the page in the folder of the project."""
-        project = self._asked_for(request)
+        project = await self._asked_for(request)
         folder = await self._in_session(lambda: self.workspace.folder(project))
         size = 0
         # a hidden file beside the target, so that the rename at the end stays within one file system
@@ -211,7 +211,7 @@ class Server:
         return JSONResponse({"file": target.name})
 
     async def _download(self, request: Request) -> Response:
-        name, project = request.path_params["name"], self._asked_for(request)
+        name, project = request.path_params["name"], await self._asked_for(request)
         path = await self._in_session(lambda: self.workspace.download(name, project))
         return FileResponse(path, filename=path.name)
 
@@ -220,13 +220,14 @@ class Server:
         self.workspace.stop_activity()
         return Response(status_code=204)
 
-    def _asked_for(self, request: Request) -> str:
-        """Return the project that an address names, else the last one."""
-        return request.query_params.get("project") or self.workspace.latest
+    async def _asked_for(self, request: Request) -> str:
+        """Return the project that an address names, else the last one; one that is being opened is waited for."""
+        named = request.query_params.get("project")
+        return named or await self._in_session(lambda: self.workspace.latest)
 
     async def _archive(self, request: Request) -> Response:
         """Return the folder of the project as it is on disk, without what begins with a dot."""
-        project = self._asked_for(request)
+        project = await self._asked_for(request)
         folder = await self._in_session(lambda: self.workspace.folder(project))
         # on disk, as the archive may be larger than memory
         file = tempfile.TemporaryFile()  # noqa: SIM115  (closed when the answer has been sent)

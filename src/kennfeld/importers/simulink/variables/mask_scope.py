@@ -282,10 +282,9 @@ def passes_array(value: ParameterValue, path: Sequence[str]) -> bool:
 def canonical_path(value: ParameterValue, path: Sequence[str]) -> list[str]:
     """Return a path in which single structs have no index, so that a parameter has one name: `p(1).a` is `p.a`."""
     result: list[str] = []
-    for at, written in enumerate(path):
+    for written in path:
         name, index = split_index(written)
-        part = nested_field(value, [*result, name]) if at or not index else value
-        is_single = index == 1 and not isinstance(part, tuple)
+        is_single = index == 1 and not isinstance(nested_field(value, [*result, name]), tuple)
         result.append(name if is_single else written)
     return result
 
