@@ -91,7 +91,7 @@ def test_a_name_that_the_page_does_not_mention_is_added(script, tmp_path):
     (tmp_path / "api.md").write_text("# Python reference\n", encoding="utf-8")
     [text] = script.documents(tmp_path).values()
     assert "### calibrate\n\n```py\ncalibrate(\n    model: Model | str | Problem,\n" in text
-    assert "| `lower` | `float` | lower bound, in the unit of the node; None stands for no bound. |" in text
+    assert "| `lower` | `float` | lower limit, in the unit of the node; None stands for no limit. |" in text
     assert "\nRaises `InputError`: the input cannot be used; lists all problems.\n" in text
     assert "#### Axis.of_quantiles\n" in text
     assert "# doctest:" not in text

@@ -45,11 +45,12 @@ def open_app(project: Path) -> Iterator[Any]:
 
 
 def take(page: Any, name: str, **options: Any) -> None:
-    """Write what the page shows as PNG with 256 colours, which has a third of the bytes."""
+    """Write what the page shows as WebP with 256 colours, exact but for these: three quarters of the bytes of a PNG."""
     picture = Image.open(BytesIO(page.screenshot(**options))).convert("RGB")
     file = BytesIO()
-    picture.quantize(256, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE).save(file, "PNG", optimize=True)
+    few = picture.quantize(256, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE).convert("RGB")
+    few.save(file, "WEBP", lossless=True, quality=100, method=6)
     size = file.tell()
-    assert size <= MOST_BYTES, f"{name}.png has {size} bytes, more than {MOST_BYTES}"
-    (IMAGES / f"{name}.png").write_bytes(file.getvalue())
-    print(f"{name}.png: {size / 1000:.0f} kB")
+    assert size <= MOST_BYTES, f"{name}.webp has {size} bytes, more than {MOST_BYTES}"
+    (IMAGES / f"{name}.webp").write_bytes(file.getvalue())
+    print(f"{name}.webp: {size / 1000:.0f} kB")
