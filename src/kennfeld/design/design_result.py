@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import field
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
 
@@ -208,12 +208,13 @@ class Design:
         return "\n".join([*aligned(shown), *further, *self.summary()])
 
 
-def stopped_finding(chosen: int, wanted: int, noun: str) -> list[Finding]:
-    """Return the warning that a search was stopped before all that was wanted was chosen."""
+def stopped_early(design: Design, chosen: int, wanted: int, noun: str) -> Design:
+    """Return a design that says, also by a warning, that its search was stopped; the same if all wanted were chosen."""
     if chosen >= wanted:
-        return []
+        return design
     message = f"{STOPPED}{chosen} of {count_noun(wanted, noun)} were chosen"
-    return [Finding(Location("design"), message, severity="warning")]
+    finding = Finding(Location("design"), message, severity="warning")
+    return replace(design, findings=(*design.findings, finding), stopped=(chosen, wanted))
 
 
 # is given a function that makes the design so far, or None; True ends the search with it

@@ -84,7 +84,7 @@ class FittedFunction:
             criteria: those that are measured.
             weight: of the data; by default that of the training data.
         """
-        groups, own, found = self.estimate.groups, self.problem.criteria, list[float]()
+        groups, own, means = self.estimate.groups, self.problem.criteria, list[float]()
         shares = [noise_share(*pair) for pair in zip(groups, self.estimate.variances, strict=True)]
         for criterion in criteria:
             score = criterion.weight * (self.weight if weight is None else weight)
@@ -94,8 +94,8 @@ class FittedFunction:
             known = alike or [(group, share * score / group.score) for group, share in mine]
             total = sum(group.count for group, _ in known)
             mean = sum(share * group.count for group, share in known) / total if total else np.nan
-            found.append(mean if np.isfinite(mean) else self.estimate.dispersion)
-        return np.array(found)
+            means.append(mean if np.isfinite(mean) else self.estimate.dispersion)
+        return np.array(means)
 
     @cached_property
     def spread(self) -> Float:

@@ -11,7 +11,7 @@ from kennfeld.base.formatting import count_noun, join_names, nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.design.candidate_data import CandidateData
 from kennfeld.design.coverage import never
-from kennfeld.design.design_result import Design, stopped_finding
+from kennfeld.design.design_result import Design, stopped_early
 from kennfeld.design.fitted_function import FittedFunction
 from kennfeld.design.information import Information
 from kennfeld.design.open_directions import (
@@ -174,11 +174,10 @@ class _Outcomes:
             after=deviations(self.fitted, (added, np.einsum("kov,kow,o->vw", own, own, shares))),
             unsettled=tuple(unsettled),
             sentences=tuple(sentences),
-            findings=(*self.findings, *stopped_finding(len(chosen), self.wanted, "point")),
+            findings=self.findings,
             factor=factor,
-            stopped=(len(chosen), self.wanted) if len(chosen) < self.wanted else None,
         )
-        return design, self.numbers[[*chosen]]
+        return stopped_early(design, len(chosen), self.wanted, "point"), self.numbers[[*chosen]]
 
 
 def points_dataset(candidates: Mapping[str, Float], kind: PointKind) -> Dataset:

@@ -1,7 +1,6 @@
 """Choice of the pieces of recordings to drive next, and of the recordings that add nothing."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from kennfeld.base.errors import Findings, InputError, Location
 from kennfeld.base.formatting import count_noun, join_names
 from kennfeld.design.candidate_data import CandidateData
 from kennfeld.design.coverage import never
-from kennfeld.design.design_result import ChosenSegment, Design, Watch, stopped_finding
+from kennfeld.design.design_result import ChosenSegment, Design, Watch, stopped_early
 from kennfeld.design.fitted_function import FittedFunction
 from kennfeld.design.information import Information
 from kennfeld.design.open_directions import (
@@ -84,7 +83,7 @@ def design_segments(
         picked = [segments[number] for number in own]
         data = CandidateData(fitted, [each.cut(timed[each.dataset]) for each in picked])
         added = data.curvature(fitted.values)
-        return Design(
+        design = Design(
             segments=tuple(
                 ChosenSegment(each.file, each.begin, each.end, names.strongest(gain))
                 for each, gain in zip(picked, gains, strict=True)
@@ -93,12 +92,12 @@ def design_segments(
             noise=dict(fitted.trust.noise),
             after=deviations(fitted, (added, data.scatter(fitted.values, added))),
             unsettled=tuple(describe_unsettled(fitted, added, "These segments")),
-            findings=(*known, *stopped_finding(len(own), wanted, "segment")),
-            stopped=(len(own), wanted) if len(own) < wanted else None,
+            findings=known,
             warmup=lead,
             factor=cover.of(own) / cover.of([]),
             course=tuple(cover.of(own[: number + 1]) / cover.of([]) for number in range(len(own))),
         )
+        return stopped_early(design, len(own), wanted, "segment")
 
     return designed(cover.choose(count, stop=lambda chosen: watch(lambda: designed(chosen))))
 
@@ -178,13 +177,11 @@ def reduce_recordings(
 
     def designed(dropped: Sequence[tuple[int, float]]) -> Design:
         wanted = len(files) - last
-        stopped = stopped_finding(len(dropped), wanted, "recording") if dropped else []
-        if keep is None:
-            useless = [each for each in dropped if each[1] <= ADDS_NOTHING * everything]
-            stopped = [] if len(useless) < len(dropped) else stopped
-            dropped = useless
+        useless = [each for each in dropped if each[1] <= ADDS_NOTHING * everything]
+        if keep is None and len(useless) < len(dropped):
+            return _without(fitted, recordings, files, useless, everything)
         reduced = _without(fitted, recordings, files, dropped, everything)
-        return replace(reduced, findings=tuple(stopped), stopped=(len(dropped), wanted) if stopped else None)
+        return stopped_early(reduced, len(dropped), wanted, "recording") if dropped else reduced
 
     def stop(gone: list[int]) -> bool:
         return watch(lambda: designed([(number, without(gone[: at + 1])) for at, number in enumerate(gone)]))
