@@ -72,7 +72,7 @@ class Page:
         self.socket, self.state, self._count = socket, {}, 0
         self.activities: list[str] = []  # what took a while
         while self.receive()[0].get("push") != "state":
-            pass  # what takes a while is told before
+            pass  # the progress of what takes a while comes before
 
     def receive(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the next frame; a pushed state is kept."""

@@ -84,7 +84,7 @@ class AppWorkspace:
         return project
 
     def open_first(self, path: Path) -> None:
-        """Open a project while pages without one wait for it: they are told what takes a while, and can stop it.
+        """Open a project while pages without one wait for it; they show the progress, and can stop it.
 
         Raises:
             InputError: it does not exist, or is not text.
@@ -140,7 +140,7 @@ class AppWorkspace:
 
     @property
     def activity(self) -> Answer | None:
-        """The present activity, for a page that has come since it was told; None if there is none.
+        """The present activity, for a page that was opened after it began; None if there is none.
 
         May be read from any thread.
         """

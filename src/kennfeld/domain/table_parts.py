@@ -9,7 +9,7 @@ from kennfeld.domain.axis import AXIS_LETTERS
 from kennfeld.domain.breakpoint_rounding import SAME
 from kennfeld.domain.parameters import Parameter
 
-_CELL = 1e-3  # share of the narrowest cell that is no rounding error
+_CELL = 1e-3  # share of the narrowest cell up to which a difference counts as rounding
 Range = Mapping[str, tuple[float, float]]  # by direction, both ends included
 
 

@@ -199,12 +199,12 @@ class ParameterExpressions:
 
         def field(at: int, key: str) -> s.SymbolicValue:
             path = [f"{name}({at})", key]
-            found = self._find(path, scope, live)
-            if found is None:  # an expression of the mask, whose elements have no names
+            element = self._find(path, scope, live)
+            if element is None:  # an expression of the mask, whose elements have no names
                 return _constant_value(self.builder, value[at - 1][key])
-            if isinstance(found, StructArray):
-                return self._struct_array(".".join(path), found, scope, live)
-            return found if isinstance(found, np.ndarray) else _constant_value(self.builder, found)
+            if isinstance(element, StructArray):
+                return self._struct_array(".".join(path), element, scope, live)
+            return element if isinstance(element, np.ndarray) else _constant_value(self.builder, element)
 
         elements = [
             {key: s.DeferredValue(partial(field, at, key)) for key in value.names} for at in range(1, len(value) + 1)
