@@ -4,7 +4,6 @@ What opens a project and answers questions is imported when it is first used, in
 answers the browser before.
 """
 
-import gc
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -53,7 +52,6 @@ class AppWorkspace:
     def load(self) -> None:
         """Import what opens projects and answers questions, which takes longer than all else at the start."""
         import_module("kennfeld.app.questions.overview")
-        gc.freeze()  # what is loaded stays, and is not searched for garbage again and again
 
     @property
     def session(self) -> "Session | None":

@@ -1,5 +1,6 @@
 """Takes a port and names the address of the page, before the server is loaded: the browser starts meanwhile."""
 
+import gc
 import socket
 from collections.abc import Callable
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 from kennfeld.app.server.restart import KnownServer, known_server, remember_server
 from kennfeld.app.server.security import new_token
 from kennfeld.app.workspace import AppWorkspace
+from kennfeld.base.garbage_collection import no_collection
 
 
 def serve(
@@ -40,10 +42,12 @@ def serve(
     remember_server(project, KnownServer(port, key))
 
     def first() -> None:
-        prepare()
-        workspace.load()
-        if project is not None:
-            workspace.open_first(project)
+        with no_collection():
+            prepare()
+            workspace.load()
+            if project is not None:
+                workspace.open_first(project)
+        gc.freeze()  # what is loaded stays, and is not searched for garbage again and again
 
     with listener:
         ready(f"http://127.0.0.1:{port}/?token={token}")
