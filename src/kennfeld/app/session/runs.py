@@ -37,6 +37,11 @@ class Run:
     part: str = ""
     seconds: float = 0.0
 
+    @property
+    def elapsed(self) -> float:
+        """How long it took, in s."""
+        return self.seconds or self.result.seconds.total
+
 
 @dataclass(frozen=True, eq=False)
 class ValidationRun:
