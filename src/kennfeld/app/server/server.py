@@ -9,7 +9,8 @@ import json
 import secrets
 import socket
 import tempfile
-from collections.abc import Callable, Mapping
+import threading
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -60,15 +61,16 @@ class Server:
     Args:
         workspace: what is served.
         key: of the pages that know the server.
-        first: called in the thread of the sessions while the browser starts; pages wait for it, and see what is read.
-        failed: called if that raises an exception.
+        first: called one after another in the thread of the sessions while the browser starts; pages wait for them,
+            and see what is read. The end of the server skips those that have not begun.
+        failed: called if one of them raises an exception.
     """
 
     def __init__(
         self,
         workspace: AppWorkspace,
         key: str = "",
-        first: Callable[[], object] = lambda: None,
+        first: Sequence[Callable[[], object]] = (),
         failed: Callable[[BaseException], object] = lambda _: None,
     ) -> None:
         self.workspace, self.nonce, self._key = workspace, new_token(), key
@@ -76,6 +78,7 @@ class Server:
         self._pages: set[OpenPage] = set()
         self._executor = ThreadPoolExecutor(1, thread_name_prefix="session")  # the session is used by one thread
         self._loop: asyncio.AbstractEventLoop | None = None
+        self._ended = threading.Event()
 
     def application(self) -> Starlette:
         """Return the application, without the guard."""
@@ -88,6 +91,7 @@ class Server:
             watch = asyncio.create_task(self._watch())
             yield
             watch.cancel()
+            self._ended.set()
             self.workspace.stop_activity()  # else the end waits for what is read
             self._executor.shutdown(wait=False, cancel_futures=True)
 
@@ -107,7 +111,9 @@ class Server:
 
     def _begin(self) -> None:
         try:
-            self._first()
+            for step in self._first:
+                if not self._ended.is_set():
+                    step()
         except BaseException as error:
             self._failed(error)
 
@@ -328,7 +334,7 @@ def run_server(
     key: str,
     token: str,
     ticket: str = "",
-    first: Callable[[], object] = lambda: None,
+    first: Sequence[Callable[[], object]] = (),
 ) -> None:
     """Serve a workspace at a socket until Ctrl-C.
 
@@ -338,10 +344,10 @@ def run_server(
         key: of the pages that know the server.
         token: opens a page.
         ticket: opens one page, in place of the token.
-        first: called in the thread of the sessions; what it raises ends the server.
+        first: called one after another in the thread of the sessions; what one of them raises ends the server.
 
     Raises:
-        BaseException: what `first` has raised.
+        BaseException: what one of `first` has raised.
     """
     port, errors = listener.getsockname()[1], list[BaseException]()
 

@@ -3,6 +3,7 @@
 import gc
 import socket
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from kennfeld.app.server.restart import KnownServer, known_server, remember_server
@@ -41,19 +42,16 @@ def serve(
     token, key = new_token(), known.key if known is not None and known.port == port else new_token()
     remember_server(project, KnownServer(port, key))
 
-    def first() -> None:
-        with no_collection():
-            prepare()
-            workspace.load()
-            if project is not None:
-                workspace.open_first(project)
-        gc.freeze()  # what is loaded stays, and is not searched for garbage again and again
-
+    steps: list[Callable[[], object]] = [prepare, workspace.load]
+    if project is not None:
+        steps.append(partial(workspace.open_first, project))
+    # what is loaded stays, and is not searched for garbage again and again
+    steps = [*(no_collection()(step) for step in steps), gc.freeze]
     with listener:
         ready(f"http://127.0.0.1:{port}/?token={token}")
         from kennfeld.app.server.server import run_server
 
-        run_server(workspace, listener, key, token, ticket, first)
+        run_server(workspace, listener, key, token, ticket, steps)
 
 
 def _listener(port: int, *, fallback: bool) -> socket.socket:
