@@ -170,7 +170,7 @@ function JobText() {
   if (runs.length === 0) return <span>no run yet</span>;
   return (
     <span title={seconds}>
-      run {runs.length} · {job.iterations} it.<span class="long"> · {seconds}</span>
+      run {runs.length} · {job.iterations} it.<i class="long"> · {seconds}</i>
     </span>
   );
 }
