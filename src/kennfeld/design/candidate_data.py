@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from kennfeld.base.arrays import Float, Int, ignore_floating_errors
+from kennfeld.design.candidate_weights import CandidateWeights
 from kennfeld.design.fitted_function import FittedFunction
 from kennfeld.domain.criteria import Criterion
 from kennfeld.domain.dataset import Channel, Dataset
@@ -39,20 +40,40 @@ class CandidateData:
         recorded: bool = False,
     ) -> None:
         own = fitted.problem.criteria
-        measured = tuple(_plain(criterion) for criterion in (own if criteria is None else criteria))
+        measured = tuple(own if criteria is None else criteria)
         channels = {c.target.name for c in own if fitted.problem.target_node(c) is None and c.target.kind != "number"}
         channels |= {c.target.name for c in measured if c.target.kind == "channel"}
         # a channel that the function reads must be among the candidates
         channels -= {fitted.problem.channels.get(name, name) for name in fitted.problem.model.graph.inputs}
-        self._fitted = fitted
-        weight, names = fitted.weight, sorted(channels)
-        plain = (_with_targets(replace(data, weight_channel=""), names, weight) for data in datasets)
-        located = (replace(data, use="training") for data in datasets) if recorded else plain
-        self.datasets = (*located, *(_with_targets(data, names) for data in use))
+        self._fitted, self._criteria = fitted, measured
+        # a node that is measured in addition counts like the first one
+        numbers = [own.index(criterion if criterion in own else measured[0]) for criterion in measured]
+        self._weights = [CandidateWeights(fitted, number, channels, recorded=recorded) for number in numbers]
+        names, kept = sorted(channels), [replace(data, use="training") for data in datasets]
+        located = kept if recorded else [_with_targets(data, names, fitted.weight) for data in datasets]
+        self._factors = [[each.factors(data) for each in self._weights] for data in located]
+        self._candidates = [replace(data, weight_channel="") for data in located]
+        weighted = [_with_weights(*pair) for pair in zip(self._candidates, self._factors, strict=True)]
+        self.datasets = (*weighted, *(_with_targets(data, names) for data in use))
         self.problem = fitted.problem.over(self.datasets)
-        self._same = measured == own and not any(data.weight_channel for data in self.datasets)
+        criteria = tuple(self._plain(at, c) for at, c in enumerate(measured))
+        self._same = criteria == own and not any(data.weight_channel for data in self.datasets)
+        # the kernel of a fit with weights reads them
+        self._same &= not fitted.compiled.weighting.inputs
         if not self._same:
-            self.problem = replace(self.problem, criteria=measured)
+            self.problem = replace(self.problem, criteria=criteria)
+
+    def _plain(self, number: int, criterion: Criterion) -> Criterion:
+        """Return a criterion without what depends on residuals, and with the weights of the candidates."""
+        own = self._weights[number]
+        named = any(factors[number] is not None for factors in self._factors)
+        return replace(
+            criterion,
+            loss="square",
+            weight=criterion.weight * own.mean * own.slope,
+            weight_channel=_weight_channel(number) if named else "",
+            regions=(),
+        )
 
     @cached_property
     def _compiled(self) -> CompiledProblem:
@@ -108,6 +129,19 @@ class CandidateData:
         with ignore_floating_errors():
             return as_array(self._compiled.sums.normal(self._compiled.full(values)).matrix).copy()
 
+    @cached_property
+    def shares(self) -> list[Float]:
+        """Variance of the gradient per curvature of each candidate, by dataset, each Float[outputs, samples]."""
+        return [
+            np.array(
+                [
+                    own.shares(c.weight * data.weight, own.mean * (np.ones(data.samples) if f is None else f))
+                    for own, c, f in zip(self._weights, self._criteria, factors, strict=True)
+                ]
+            )
+            for data, factors in zip(self._candidates, self._factors, strict=True)
+        ]
+
     def scatter(self, values: Float, curvature: Float) -> Float:
         """Return the variance of the gradient by the noise of all candidates, Float[free, free].
 
@@ -117,22 +151,26 @@ class CandidateData:
         """
         if self._fitted.estimate.noise is None:
             return np.asarray(self._fitted.estimate.dispersion * curvature)
-        weights = dict.fromkeys(data.weight for data in self.datasets)
-        return np.asarray(np.sum([self._scatter_of(weight, values) for weight in weights], axis=0))
-
-    def _scatter_of(self, weight: float, values: Float) -> Float:
-        """Return the variance of the gradient by the noise of the candidates of one weight, Float[free, free]."""
-        shares = self._fitted.noise_shares(self._fitted.problem.criteria, weight)
-        scaled = [replace(c, weight=c.weight * share) for c, share in zip(self.problem.criteria, shares, strict=True)]
-        own = self.problem.over([data for data in self.datasets if data.weight == weight])
-        compiled = CompiledProblem(replace(own, criteria=tuple(scaled)))
+        # the share of a sample multiplies its weight
+        weighted = []
+        for data, factors, shares in zip(self._candidates, self._factors, self.shares, strict=True):
+            own = [share if f is None else share * f for share, f in zip(shares, factors, strict=True)]
+            weighted.append(_with_weights(data, own))
+        criteria = [replace(c, weight_channel=_weight_channel(at)) for at, c in enumerate(self.problem.criteria)]
+        compiled = CompiledProblem(replace(self.problem.over(weighted), criteria=tuple(criteria)))
         with ignore_floating_errors():
             return as_array(compiled.sums.normal(compiled.full(values)).matrix).copy()
 
 
-def _plain(criterion: Criterion) -> Criterion:
-    """Return a criterion without what depends on residuals, or on channels that candidates do not have."""
-    return replace(criterion, loss="square", weight_channel="", regions=())
+def _weight_channel(number: int) -> str:
+    """Return the channel of the weights for a criterion, which no channel of a user is called."""
+    return f"\0weight of {number}"
+
+
+def _with_weights(data: Dataset, weights: Sequence[Float | None]) -> Dataset:
+    """Return a dataset with the weights of its samples for each criterion, Float[samples] each."""
+    further = [Channel(_weight_channel(at), own) for at, own in enumerate(weights) if own is not None]
+    return replace(data, channels=(*data.channels, *further)) if further else data
 
 
 def _with_targets(data: Dataset, channels: Sequence[str], weight: float = 1.0) -> Dataset:

@@ -27,7 +27,17 @@ def doubts(fitted: FittedFunction) -> Iterator[Finding]:
         message = f"the function jumps as {join_names(names)} change, which derivatives do not show"
         remedy = "The design says nothing about them."
         yield Finding(PLACE, message, remedy, severity="warning")
+    yield from _several_weights(fitted)
     yield from _missing_terms(fitted)
+
+
+def _several_weights(fitted: FittedFunction) -> Iterator[Finding]:
+    """Yield a remark on the weight that further data are taken to have, if those so far have several."""
+    weights = sorted({data.weight for data in fitted.problem.fitted_datasets})
+    if len(weights) > 1:
+        message = f"the training data have weights from {weights[0]:g} to {weights[-1]:g}"
+        remedy = f"What is measured next is taken to have {fitted.weight:g}, as most samples."
+        yield Finding(PLACE, message, remedy, severity="remark")
 
 
 def _missing_terms(fitted: FittedFunction) -> Iterator[Finding]:

@@ -1,6 +1,5 @@
 """A fitted function as designs see it: its curvatures, plausible values around it, and how long it remembers."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -9,14 +8,13 @@ import numpy as np
 from kennfeld.base.arrays import Bool, Float
 from kennfeld.base.errors import InputError, Location
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.domain.criteria import Criterion
 from kennfeld.graph.traversal import with_names
 from kennfeld.optimize.fit.result import Result
 from kennfeld.optimize.limits.linear_limits import linear_limits
 from kennfeld.optimize.problem.problem import Problem, time_constants
 from kennfeld.optimize.quality.quality import NodeSimulator
 from kennfeld.optimize.sums.compiled import CompiledProblem
-from kennfeld.optimize.trust.covariance import Estimate, noise_share
+from kennfeld.optimize.trust.covariance import Estimate
 from kennfeld.optimize.trust.matrices import whole
 from kennfeld.optimize.trust.trust import Trust
 
@@ -73,29 +71,11 @@ class FittedFunction:
 
     @cached_property
     def weight(self) -> float:
-        """The weight of the training data, which further data will have as well; 1 if they have several."""
-        weights = {data.weight for data in self.problem.fitted_datasets}
-        return weights.pop() if len(weights) == 1 else 1.0
-
-    def noise_shares(self, criteria: Sequence[Criterion], weight: float | None = None) -> Float:
-        """Return the variance of the gradient per curvature of data, by criterion, Float[criteria].
-
-        Args:
-            criteria: those that are measured.
-            weight: of the data; by default that of the training data.
-        """
-        groups, own, means = self.estimate.groups, self.problem.criteria, list[float]()
-        shares = [noise_share(*pair) for pair in zip(groups, self.estimate.variances, strict=True)]
-        for criterion in criteria:
-            score = criterion.weight * (self.weight if weight is None else weight)
-            mine = [pair for pair in zip(groups, shares, strict=True) if criterion in own[pair[0].criterion :][:1]]
-            # data of the same weight tell; of others, the noise of a sample is taken to be the same
-            alike = [(group, share) for group, share in mine if group.score == score]
-            known = alike or [(group, share * score / group.score) for group, share in mine]
-            total = sum(group.count for group, _ in known)
-            mean = sum(share * group.count for group, share in known) / total if total else np.nan
-            means.append(mean if np.isfinite(mean) else self.estimate.dispersion)
-        return np.array(means)
+        """The weight that further data will have: that of the datasets with most training samples."""
+        samples: dict[float, int] = {}
+        for data in self.problem.fitted_datasets:
+            samples[data.weight] = samples.get(data.weight, 0) + int(np.count_nonzero(data.counting))
+        return max(samples, key=lambda weight: samples[weight]) if samples else 1.0
 
     @cached_property
     def spread(self) -> Float:

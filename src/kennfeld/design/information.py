@@ -65,13 +65,14 @@ class Information:
         for data, kind in zip(together.datasets[len(candidates) :], kinds, strict=True):
             visits[parts[kind] - count] += _total_weight(together.problem.bind(data))
         known, located = list[Float](), list[Float]()
+        robust = _slopes(fitted)
         for values in fitted.draws(seed):
             with ignore_floating_errors():
                 own = fitted.compiled.sums.normal(fitted.compiled.full(values)).matrix.diagonal().copy()
             squares = together.squares(values, groups, count + len(parts))
             # a draw at which the function fails says nothing; the fit itself comes first
             if not known or (np.isfinite(own).all() and np.isfinite(squares[count:]).all()):
-                known.append(np.nan_to_num(own, posinf=0.0) + fitted.prior)
+                known.append(robust * np.nan_to_num(own, posinf=0.0) + fitted.prior)
                 located.append(squares)
         squares = np.array(located)
         usable: Bool = np.asarray(np.isfinite(squares[:, :count]).all(axis=(0, 2)))
@@ -84,6 +85,15 @@ class Information:
     def coverage(self) -> WeightedCoverage:
         """The variance of prediction over the use, as a function of the candidates that are measured."""
         return WeightedCoverage(self.known, self.candidates, self.use)
+
+
+def _slopes(fitted: FittedFunction) -> Float:
+    """Return the curvature of each value, which is by psi', relative to that by psi / r of the search, Float[free].
+
+    They differ with a robust loss, whose candidates count by psi'.
+    """
+    own = fitted.compiled.sums.normal(fitted.compiled.full(fitted.values)).matrix.diagonal()
+    return np.divide(fitted.estimate.own, own, out=np.ones_like(own), where=own > 0)
 
 
 def _total_weight(bound: BoundDataset) -> float:

@@ -120,7 +120,8 @@ def design_points(
         message = f"there are {count_noun(samples.size, 'candidate')}, fewer than the {count} asked for"
         findings.warning(PLACE, message, "Name more candidates, or widen the ranges.")
     rows[..., fitted.fixed] = 0.0
-    outcomes = _Outcomes(fitted, kind, rows, numbers[samples], min(count, samples.size), findings.finish())
+    shares = data.shares[0][:, samples].T
+    outcomes = _Outcomes(fitted, kind, rows, shares, numbers[samples], min(count, samples.size), findings.finish())
     if names or direction is not None:
         search = _ValueSearch(fitted, kind, rows, names, direction)
         choice = search.choose(count, lambda made: watch(lambda: outcomes.of(made.chosen, [search.prediction(made)])))
@@ -143,6 +144,7 @@ class _Outcomes:
         fitted: the fit of the present data.
         kind: what is measured.
         rows: slopes of the outputs at each candidate, Float[candidates, outputs, free].
+        shares: variance of the gradient per curvature, Float[candidates, outputs].
         numbers: of the candidates, as the caller counts them, Int[candidates].
         wanted: number of points that a search chooses which is not stopped.
         findings: on the candidates.
@@ -151,6 +153,7 @@ class _Outcomes:
     fitted: FittedFunction
     kind: PointKind
     rows: Float
+    shares: Float
     numbers: Int
     wanted: int
     findings: tuple[Finding, ...]
@@ -165,13 +168,13 @@ class _Outcomes:
         """Return the design of some candidates; by default what all directions say of what it leaves open."""
         own = self.rows[[*chosen]]
         added = np.einsum("kov,kow->vw", own, own)
-        shares = self.fitted.noise_shares(self.kind.criteria)
+        shares = self.shares[[*chosen]]
         if unsettled is None:
             unsettled = describe_unsettled(self.fitted, added, f"These {self.kind.name} points")
         design = Design(
             before=deviations(self.fitted),
             noise=dict(self.fitted.trust.noise),
-            after=deviations(self.fitted, (added, np.einsum("kov,kow,o->vw", own, own, shares))),
+            after=deviations(self.fitted, (added, np.einsum("kov,kow,ko->vw", own, own, shares))),
             unsettled=tuple(unsettled),
             sentences=tuple(sentences),
             findings=self.findings,
