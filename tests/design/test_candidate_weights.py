@@ -1,4 +1,4 @@
-"""Candidates count with the weights that they will have: a refit of data drawn from the fit has the predicted curvature.
+"""Candidates count with the weights they will have: a refit of data drawn from the fit has the predicted curvature.
 
 Data without noise from the fitted function leave its values where they are, so that the curvature of the refit is that
 of the fit and of the new data, whatever the function.

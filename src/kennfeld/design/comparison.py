@@ -50,6 +50,7 @@ class DesignComparison:
         rows: the parameters.
         noise: by node, the noise of the fit relative to that when the design was made.
         missed: the values that fall short of the prediction, the worst first, with both deviations.
+        within: number of them that are within the range of the prediction, as it depended on values not yet known.
         reached: standard deviation of each value now, by parameter.
         findings: warnings.
     """
@@ -59,6 +60,7 @@ class DesignComparison:
     missed: tuple[str, ...]
     reached: Mapping[str, Float]
     findings: tuple[Finding, ...] = ()
+    within: int = 0
 
     def table(self) -> list[tuple[str, ...]]:
         """Return the parameters as rows of text with a heading."""
@@ -79,6 +81,8 @@ class DesignComparison:
             more = missed - len(self.missed[:MOST_NAMED])
             others = f", and {more} more" if more > 0 else ""
             lines.append(f"Furthest from it: {join_names(list(self.missed[:MOST_NAMED]))}{others}.")
+        if self.within:
+            lines.append(f"{self.within} of these {missed} are within the range of the prediction.")
         for node, ratio in self.noise.items():
             if not 1 / SAME_NOISE < ratio < SAME_NOISE:
                 lines.append(
@@ -93,6 +97,7 @@ class DesignComparison:
             "parameters": rows,
             "noise": {node: finite_or_none(ratio) for node, ratio in self.noise.items()},
             "missed": list(self.missed),
+            "within": self.within,
             "deviation": {name: nested_or_none(values) for name, values in self.reached.items()},
             "sentences": self.summary(),
             "findings": [str(finding) for finding in self.findings],
@@ -103,7 +108,11 @@ class DesignComparison:
 
 
 def compare(
-    before: Mapping[str, Float], predicted: Mapping[str, Float], noise: Mapping[str, float], fitted: FittedFunction
+    before: Mapping[str, Float],
+    predicted: Mapping[str, Float],
+    noise: Mapping[str, float],
+    fitted: FittedFunction,
+    most: Mapping[str, Float] | None = None,
 ) -> DesignComparison:
     """Compare the deviations of a fit with predicted ones.
 
@@ -112,6 +121,7 @@ def compare(
         predicted: the same with what was to be measured.
         noise: of each node then.
         fitted: the fit with the measured data.
+        most: the greatest deviation of each value that was predicted.
 
     Raises:
         InputError: no parameter has a prediction, or one has another number of values now.
@@ -134,7 +144,13 @@ def compare(
         tuple(_shortfalls(names, predicted, reached, fitted)),
         reached,
         tuple(findings),
+        sum(_within(predicted[name], most[name], reached[name]) for name in names if most and name in most),
     )
+
+
+def _within(predicted: Float, most: Float, reached: Float) -> int:
+    """Count the values that fall short of the prediction, but not of the greatest deviation."""
+    return int(np.sum((reached > TOLERATED * predicted) & (reached <= TOLERATED * most)))
 
 
 def _require_equal_shapes(names: list[str], predicted: Mapping[str, Float], reached: Mapping[str, Float]) -> None:

@@ -1,6 +1,6 @@
 """Choice of the pieces of recordings to drive next, and of the recordings that add nothing."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from kennfeld.design.open_directions import (
     open_directions,
     reduced_functions,
 )
-from kennfeld.design.predicted_estimate import deviations
+from kennfeld.design.predicted_estimate import describe_range, deviation_range, deviations
 from kennfeld.design.segments import RecordedSegment, cut_files, cut_segments, owners
 from kennfeld.design.value_text import ValueNames
 from kennfeld.domain.dataset import Dataset
@@ -83,6 +83,9 @@ def design_segments(
         picked = [segments[number] for number in own]
         data = CandidateData(fitted, [each.cut(timed[each.dataset]) for each in picked])
         added = data.curvature(fitted.values)
+        scatter = data.scatter(fitted.values, added)
+        after = deviations(fitted, (added, scatter))
+        least, most = deviation_range(fitted, after, data.curvature, seed)
         design = Design(
             segments=tuple(
                 ChosenSegment(each.file, each.begin, each.end, names.strongest(gain))
@@ -90,8 +93,11 @@ def design_segments(
             ),
             before=deviations(fitted),
             noise=dict(fitted.trust.noise),
-            after=deviations(fitted, (added, data.scatter(fitted.values, added))),
-            unsettled=tuple(describe_unsettled(fitted, added, "These segments")),
+            after=after,
+            least=least,
+            most=most,
+            sentences=tuple(describe_range(fitted, after, least, most)),
+            unsettled=tuple(describe_unsettled(fitted, added, scatter, "These segments")),
             findings=known,
             warmup=lead,
             factor=cover.of(own) / cover.of([]),
@@ -122,13 +128,16 @@ def _usable(
     return kept, Information(information.known, information.candidates[:, usable], information.use, usable[usable])
 
 
-def describe_unsettled(fitted: FittedFunction, added: Float, measured: str) -> list[str]:
-    """Return a sentence for each undetermined direction of which a design leaves more than 0.9 of its deviation."""
+def describe_unsettled(fitted: FittedFunction, added: Float, scatter: Float, measured: str) -> list[str]:
+    """Return a sentence for each undetermined direction of which a design leaves more than 0.9 of its deviation.
+
+    Of what is measured, the Gauss-Newton matrix and the variance of the gradient are needed, Float[free, free] each.
+    """
     directions = open_directions(fitted)
     if not directions:
         return []
     functions = reduced_functions(fitted, [amount_of(fitted, direction) for direction in directions])
-    factors = factors_with(fitted, functions, added)
+    factors = factors_with(fitted, functions, *map(fitted.estimate.reduction.matrix, (added, scatter)))
     return [
         f"{direction.sentence} {measured} leave {factor:.2f} of its deviation."
         for direction, factor in zip(directions, factors.tolist(), strict=True)
@@ -210,6 +219,7 @@ def _without(
     """
     numbers = [number for number, _ in dropped]
     sentences = _predicted_loss(files, dropped, everything)
+    after, least, most = _deviations_without(fitted, recordings, [files[number] for number in numbers])
     gone = np.array([segment.last - segment.first for segment in files])[numbers].sum()
     total = sum(segment.last - segment.first for segment in files)
     sentences.append(
@@ -219,8 +229,10 @@ def _without(
         drop=tuple(files[number].file for number in numbers),
         before=deviations(fitted),
         noise=dict(fitted.trust.noise),
-        after=_deviations_without(fitted, recordings, [files[number] for number in numbers]),
-        sentences=tuple(sentences),
+        after=after,
+        least=least,
+        most=most,
+        sentences=(*sentences, *describe_range(fitted, after, least, most)),
         factor=(dropped[-1][1] if dropped else everything) / everything,
     )
 
@@ -252,10 +264,11 @@ def _predicted_loss(
 
 def _deviations_without(
     fitted: FittedFunction, recordings: Sequence[Dataset], gone: Sequence[RecordedSegment]
-) -> "dict[str, Float]":
-    """Return the deviations once recordings are gone, by subtracting what they tell at the fit."""
+) -> tuple[Mapping[str, Float], Mapping[str, Float], Mapping[str, Float]]:
+    """Return the deviations once recordings are gone, by subtracting what they tell, with their least and greatest."""
     if not gone:
-        return dict(deviations(fitted))
+        return deviations(fitted), {}, {}
     removed = CandidateData(fitted, [segment.cut(recordings[segment.dataset]) for segment in gone], recorded=True)
     curvature = removed.curvature(fitted.values)
-    return dict(deviations(fitted, (-curvature, -removed.scatter(fitted.values, curvature))))
+    after = deviations(fitted, (-curvature, -removed.scatter(fitted.values, curvature)))
+    return after, *deviation_range(fitted, after, lambda values: -removed.curvature(values))
