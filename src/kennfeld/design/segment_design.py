@@ -8,7 +8,7 @@ from kennfeld.base.arrays import Float
 from kennfeld.base.errors import Findings, InputError, Location
 from kennfeld.base.formatting import count_noun, join_names
 from kennfeld.design.candidate_data import CandidateData
-from kennfeld.design.coverage import never
+from kennfeld.design.coverage import Stop, WeightedCoverage, never
 from kennfeld.design.design_result import ChosenSegment, Design, Watch, stopped_early
 from kennfeld.design.fitted_function import FittedFunction
 from kennfeld.design.information import Information
@@ -198,7 +198,27 @@ def reduce_recordings(
     def without(gone: Sequence[int]) -> float:
         return cover.of([number for number in range(len(files)) if number not in gone])
 
-    return designed(cover.drop(last, exchange=keep is not None, stop=stop))
+    dropped = cover.drop(last, exchange=keep is not None, stop=stop)
+    if keep is None and len(dropped) == len(files) - last:
+        dropped = _useless(cover, len(files), dropped, ADDS_NOTHING * everything, stop)
+        return _without(fitted, recordings, files, dropped, everything)
+    return designed(dropped)
+
+
+def _useless(
+    cover: WeightedCoverage, count: int, dropped: Sequence[tuple[int, float]], most: float, stop: Stop
+) -> list[tuple[int, float]]:
+    """Return as many recordings as can go if the variance may rise to `most`.
+
+    Those that are missed least one by one need not be those that are missed least together: exchanges may let more go.
+    """
+    useless = [each for each in dropped if each[1] <= most]
+    while len(useless) < count - 1:
+        more = cover.drop(count - len(useless) - 1, exchange=True, stop=stop)
+        if len(more) <= len(useless) or more[-1][1] > most:
+            break
+        useless = more
+    return useless
 
 
 def _without(
