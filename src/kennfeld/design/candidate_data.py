@@ -4,7 +4,7 @@ A candidate needs the inputs of the function only. Its targets are those that wo
 does not depend on them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -28,6 +28,7 @@ class CandidateData:
         criteria: what would be measured there; by default all criteria of the problem.
         use: further datasets, whose samples have the weights of their `weight_channel`.
         recorded: the candidates are training data, and keep their targets and weights.
+        measured: those of the criteria whose targets the candidates have; by default all of them.
     """
 
     def __init__(
@@ -38,30 +39,33 @@ class CandidateData:
         use: Sequence[Dataset] = (),
         *,
         recorded: bool = False,
+        measured: Sequence[Criterion] | None = None,
     ) -> None:
         own = fitted.problem.criteria
-        measured = tuple(own if criteria is None else criteria)
+        scored = tuple(own if criteria is None else criteria)
         channels = {c.target.name for c in own if fitted.problem.target_node(c) is None and c.target.kind != "number"}
-        channels |= {c.target.name for c in measured if c.target.kind == "channel"}
+        channels |= {c.target.name for c in scored if c.target.kind == "channel"}
         # a channel that the function reads must be among the candidates
         channels -= {fitted.problem.channels.get(name, name) for name in fitted.problem.model.graph.inputs}
-        self._fitted, self._criteria = fitted, measured
+        self._fitted, self._criteria = fitted, scored
         # a node that is measured in addition counts like the first one
-        numbers = [own.index(criterion if criterion in own else measured[0]) for criterion in measured]
+        numbers = [own.index(criterion if criterion in own else scored[0]) for criterion in scored]
         self._weights = [CandidateWeights(fitted, number, channels, recorded=recorded) for number in numbers]
         names, kept = sorted(channels), [replace(data, use="training") for data in datasets]
-        located = kept if recorded else [_with_targets(data, names, fitted.weight) for data in datasets]
+        known = {criterion.target.name for criterion in (scored if measured is None else measured)}
+        located = kept if recorded else [_with_targets(data, names, fitted.weight, known) for data in datasets]
         self._factors = [[each.factors(data) for each in self._weights] for data in located]
         self._candidates = [replace(data, weight_channel="") for data in located]
         weighted = [_with_weights(*pair) for pair in zip(self._candidates, self._factors, strict=True)]
         self.datasets = (*weighted, *(_with_targets(data, names) for data in use))
         self.problem = fitted.problem.over(self.datasets)
-        criteria = tuple(self._plain(at, c) for at, c in enumerate(measured))
+        criteria = tuple(self._plain(at, c) for at, c in enumerate(scored))
         self._same = criteria == own and not any(data.weight_channel for data in self.datasets)
         # the kernel of a fit with weights reads them
         self._same &= not fitted.compiled.weighting.inputs
-        if not self._same:
-            self.problem = replace(self.problem, criteria=criteria)
+        # whether a bare name is a channel depends on the data of the fit, which may have it where candidates do not
+        resolved = (replace(c, target=fitted.problem.resolved_target(c)) for c in criteria)
+        self.problem = replace(self.problem, criteria=tuple(resolved))
 
     def _plain(self, number: int, criterion: Criterion) -> Criterion:
         """Return a criterion without what depends on residuals, and with the weights of the candidates."""
@@ -173,9 +177,11 @@ def _with_weights(data: Dataset, weights: Sequence[Float | None]) -> Dataset:
     return replace(data, channels=(*data.channels, *further)) if further else data
 
 
-def _with_targets(data: Dataset, channels: Sequence[str], weight: float = 1.0) -> Dataset:
-    """Return a dataset with targets of 0, which count at every sample that is scored."""
+def _with_targets(
+    data: Dataset, channels: Sequence[str], weight: float = 1.0, known: Collection[str] | None = None
+) -> Dataset:
+    """Return a dataset with targets of 0, which count at every sample that is scored, those that are known."""
     zeros = np.zeros(data.samples)
     others = tuple(channel for channel in data.channels if channel.name not in channels)
-    targets = tuple(Channel(name, zeros) for name in channels)
+    targets = tuple(Channel(name, zeros) for name in channels if known is None or name in known)
     return replace(data, channels=(*others, *targets), weight=weight, use="training")

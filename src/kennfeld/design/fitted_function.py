@@ -50,7 +50,13 @@ class FittedFunction:
         problem = getattr(result.inspection, "problem", None)
         if trust.estimate is None or problem is None or not np.isfinite(trust.estimate.dispersion):
             message = f"the fit ended with status {result.status}, and the uncertainty of its values is unknown"
-            raise InputError.of(Location("design"), message, "Fit the function first; see the message of calibrate.")
+            remedy = "Fit the function first; see the message of calibrate."
+            if trust.estimate is not None and problem is not None:
+                message = (
+                    "the noise of the data is unknown, as there are not more samples than values that they determine"
+                )
+                remedy = 'Measure a few points that fill the ranges first: method = "sobol" in [design].'
+            raise InputError.of(Location("design"), message, remedy)
         return cls(replace(problem, parameters=result.parameters), trust, trust.estimate, result.converged)
 
     @cached_property

@@ -5,10 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from kennfeld.base.arrays import Bool, Float, Int, ignore_floating_errors
+from kennfeld.base.errors import InputError, Location
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.design.candidate_data import CandidateData
 from kennfeld.design.coverage import WeightedCoverage
 from kennfeld.design.fitted_function import FittedFunction
+from kennfeld.domain.criteria import Criterion
 from kennfeld.domain.dataset import Dataset
 from kennfeld.preprocessing.binding import BoundDataset
 
@@ -41,6 +43,7 @@ class Information:
         *,
         alike: bool = False,
         recorded: bool = False,
+        measured: Sequence[Criterion] | None = None,
     ) -> "Information":
         """Evaluate candidates and use together, by one kernel.
 
@@ -52,9 +55,13 @@ class Information:
             use: the operation that matters; samples that are not scored do not count, the others by their weights.
             seed: of the sets of values.
             recorded: the candidates are training data, and keep their targets and weights.
+            measured: the criteria whose targets candidates have; by default all.
             alike: training and test data of the use count alike, however many samples they have.
+
+        Raises:
+            InputError: no free value has an effect in the operation that matters.
         """
-        together = CandidateData(fitted, candidates, use=use, recorded=recorded)
+        together = CandidateData(fitted, candidates, use=use, recorded=recorded, measured=measured)
         kinds = [data.use if alike else "" for data in use]
         parts = {kind: count + number for number, kind in enumerate(dict.fromkeys(kinds))}
         groups = [
@@ -79,6 +86,10 @@ class Information:
         squares = np.nan_to_num(squares, nan=0.0, posinf=0.0)
         squares[..., fitted.fixed] = 0.0
         mean = (squares[:, count:] / np.where(visits > 0, visits, 1)[:, None]).mean(axis=1)
+        if not mean.any():
+            message = "no value that may change has an effect in the operation that matters"
+            remedy = "Check what locks, bounds and pins hold, and the operation of `use`."
+            raise InputError.of(Location("design"), message, remedy)
         return cls(np.array(known), squares[:, :count], mean, usable)
 
     @property

@@ -14,6 +14,7 @@ from kennfeld.design.coverage import never
 from kennfeld.design.design_result import Design, stopped_early
 from kennfeld.design.fitted_function import FittedFunction
 from kennfeld.design.information import Information
+from kennfeld.design.measured_kinds import MeasuredKind, measured_kinds
 from kennfeld.design.open_directions import (
     SETTLED,
     amount_of,
@@ -34,7 +35,7 @@ from kennfeld.design.predicted_estimate import (
 )
 from kennfeld.design.segment_design import describe_unsettled
 from kennfeld.design.value_text import matching
-from kennfeld.domain.criteria import Criterion, Target
+from kennfeld.domain.criteria import Target
 from kennfeld.domain.dataset import Channel, Dataset
 from kennfeld.optimize.quality.quality import NodeSimulator
 from kennfeld.optimize.trust.direction_text import Direction
@@ -50,43 +51,13 @@ PointOutcome = tuple[Design, Int]  # a design without its points, and the number
 PointWatch = Callable[[Callable[[], PointOutcome]], bool]  # as `Watch`
 
 
-@dataclass(frozen=True, eq=False)
-class PointKind:
-    """A kind of points: the criteria that are measured, those with a target in some of the training data.
-
-    Attributes:
-        name: the dataset that such points are like, or `candidates`.
-        criteria: those that are measured.
-        example: a dataset whose inputs and settings points of this kind have.
-    """
-
-    name: str
-    criteria: tuple[Criterion, ...]
-    example: Dataset
-
-
-def point_kinds(fitted: FittedFunction) -> list[PointKind]:
-    """Return the kinds of points among the training data, that of most samples first."""
-    problem, kinds = fitted.problem, dict[tuple[int, ...], list[Dataset]]()
-    for data in problem.fitted_datasets:
-        bound = problem.bind(data)
-        own = tuple(
-            number
-            for number, criterion in enumerate(problem.criteria)
-            if np.isfinite(problem.target(criterion, bound)).any()
-        )
-        kinds.setdefault(own, []).append(data)
-    ordered = sorted(kinds.items(), key=lambda item: -sum(data.samples for data in item[1]))
-    return [PointKind(own[0].name, tuple(problem.criteria[i] for i in at), own[0]) for at, own in ordered if at]
-
-
 def design_points(
     fitted: FittedFunction,
     candidates: Mapping[str, Float],
     count: int,
     use: Sequence[Dataset],
     *,
-    kind: PointKind | None = None,
+    kind: MeasuredKind | None = None,
     names: Sequence[str] = (),
     direction: int | None = None,
     seed: int = 0,
@@ -112,7 +83,7 @@ def design_points(
         InputError: there are no candidates, or nothing that names or a direction stand for.
     """
     findings = Findings()
-    kinds = point_kinds(fitted)
+    kinds = measured_kinds(fitted)
     kind = kind or kinds[0]
     candidates, numbers = _distinct(candidates, findings)
     dataset = points_dataset(candidates, kind)
@@ -140,7 +111,8 @@ def design_points(
         return outcomes.of(choice.chosen, said, unsettled)
     owners = np.full(dataset.samples, -1, dtype=np.int64)
     owners[samples] = np.arange(samples.size)
-    cover = Information.of(fitted, [dataset], [owners], samples.size, use, seed).coverage
+    information = Information.of(fitted, [dataset], [owners], samples.size, use, seed, measured=kind.criteria)
+    cover = information.coverage
 
     def covering(chosen: Sequence[int]) -> PointOutcome:
         return outcomes.of(chosen, factor=cover.of([*chosen]) / cover.of([]))
@@ -165,7 +137,7 @@ class _Outcomes:
     """
 
     fitted: FittedFunction
-    kind: PointKind
+    kind: MeasuredKind
     columns: Mapping[str, Float]
     rows: Float
     shares: Float
@@ -209,7 +181,7 @@ class _Outcomes:
         return CandidateData(self.fitted, [points_dataset(columns, self.kind)], self.kind.criteria).curvature
 
 
-def points_dataset(candidates: Mapping[str, Float], kind: PointKind) -> Dataset:
+def points_dataset(candidates: Mapping[str, Float], kind: MeasuredKind) -> Dataset:
     """Return candidates as a dataset whose points settle as those of the training data do."""
     channels = tuple(Channel(name, values, _unit(kind.example, name)) for name, values in candidates.items())
     return Dataset(kind.name, channels, settling=kind.example.settling)
@@ -242,7 +214,7 @@ class _ValueSearch:
     def __init__(
         self,
         fitted: FittedFunction,
-        kind: PointKind,
+        kind: MeasuredKind,
         rows: Float,
         shares: Float,
         names: Sequence[str],
@@ -313,7 +285,7 @@ class _ValueSearch:
         return f"{points} of {self._kind.name} leave {factor:.2f} of {self._deviation}."
 
     def sentences(
-        self, choice: PointChoice, kinds: Sequence[PointKind], candidates: Mapping[str, Float]
+        self, choice: PointChoice, kinds: Sequence[MeasuredKind], candidates: Mapping[str, Float]
     ) -> tuple[list[str], list[str]]:
         """Return predictions, and what no point settles."""
         count, of = len(choice.chosen), self._deviation
@@ -333,7 +305,7 @@ class _ValueSearch:
         no_point = f"{self._sought} No {self._kind.name} point settles that: {verdict}"
         return said, [" ".join(filter(None, [no_point, *more, pin]))]
 
-    def _other_kinds(self, kinds: Sequence[PointKind], count: int) -> Iterator[tuple[float, str]]:
+    def _other_kinds(self, kinds: Sequence[MeasuredKind], count: int) -> Iterator[tuple[float, str]]:
         """Yield what points of other kinds leave, at the places where such points were measured."""
         for kind in kinds:
             if kind.criteria != self._kind.criteria:

@@ -5,13 +5,15 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from kennfeld.base.arrays import Float
-from kennfeld.base.errors import Findings, InputError, Location
+from kennfeld.base.errors import Finding, Findings, InputError, Location
 from kennfeld.base.formatting import count_noun, join_names
 from kennfeld.design.candidate_data import CandidateData
 from kennfeld.design.coverage import Stop, WeightedCoverage, never
 from kennfeld.design.design_result import ChosenSegment, Design, Watch, stopped_early
 from kennfeld.design.fitted_function import FittedFunction
 from kennfeld.design.information import Information
+from kennfeld.design.limits_of_design import beyond_axes
+from kennfeld.design.measured_kinds import kind_of, measured_kinds
 from kennfeld.design.open_directions import (
     SETTLED,
     amount_of,
@@ -26,6 +28,7 @@ from kennfeld.domain.dataset import Dataset
 from kennfeld.graph.external_function import is_sequential
 
 PLACE = Location("design")
+BEYOND, MOST_BEYOND = 0.05, 0.05  # of an axis, and share of the samples that may be as far beyond its ends
 ADDS_NOTHING = 1.05  # mean variance over the use without recordings that add nothing, relative to that with all
 
 
@@ -70,7 +73,10 @@ def design_segments(
     if not segments:
         message = f"no recording is as long as a segment of {length:g} s with its warm-up of {lead:.3g} s"
         raise InputError.of(PLACE, message, "Reduce length or warmup, or name other recordings with --from.")
-    information = Information.of(fitted, timed, owners(segments, timed), len(segments), use, seed)
+    segments = _without_gaps(fitted, segments, timed, findings)
+    measured = kind_of(measured_kinds(fitted, timed=True), timed).criteria
+    groups = owners(segments, timed)
+    information = Information.of(fitted, timed, groups, len(segments), use, seed, measured=measured)
     segments, information = _usable(segments, information, findings)
     if len(segments) < count:
         message = f"there are {count_noun(len(segments), 'segment')}, fewer than the {count} asked for"
@@ -81,7 +87,8 @@ def design_segments(
         own = [*chosen]
         names, gains = ValueNames(fitted), cover.gains(own)
         picked = [segments[number] for number in own]
-        data = CandidateData(fitted, [each.cut(timed[each.dataset]) for each in picked])
+        cut = [each.cut(timed[each.dataset]) for each in picked]
+        data = CandidateData(fitted, cut, measured=measured)
         added = data.curvature(fitted.values)
         scatter = data.scatter(fitted.values, added)
         after = deviations(fitted, (added, scatter))
@@ -98,7 +105,7 @@ def design_segments(
             most=most,
             sentences=tuple(describe_range(fitted, after, least, most)),
             unsettled=tuple(describe_unsettled(fitted, added, scatter, "These segments")),
-            findings=known,
+            findings=(*known, *_beyond_axes(fitted, cut)),
             warmup=lead,
             factor=cover.of(own) / cover.of([]),
             course=tuple(cover.of(own[: number + 1]) / cover.of([]) for number in range(len(own))),
@@ -113,17 +120,61 @@ def _has_memory(fitted: FittedFunction) -> bool:
     return bool(graph.states) or any(is_sequential(node) for node in graph.nodes)
 
 
+def _without_gaps(
+    fitted: FittedFunction, segments: list[RecordedSegment], datasets: Sequence[Dataset], findings: Findings
+) -> list[RecordedSegment]:
+    """Return the segments without samples at which an input is missing, if the function has a memory.
+
+    Its states would start anew there, which would seem to tell of time constants.
+    """
+    if not _has_memory(fitted):
+        return segments
+    gaps = [np.ones(data.samples, dtype=bool) for data in datasets]
+    for gone, data in zip(gaps, datasets, strict=True):
+        gone[fitted.problem.bind(data).kept] = False
+    kept = [each for each in segments if not gaps[each.dataset][each.lead : each.last].any()]
+    remedy = "max_gap of a dataset, in s, bridges short gaps."
+    if not kept:
+        raise InputError.of(PLACE, "an input has no value somewhere in each segment", remedy)
+    if len(kept) < len(segments):
+        message = f"{count_noun(len(segments) - len(kept), 'segment')} left out, as an input has no value somewhere"
+        findings.warning(PLACE, message, remedy)
+    return kept
+
+
+def _beyond_axes(fitted: FittedFunction, chosen: Sequence[Dataset]) -> list[Finding]:
+    """Return a warning if inputs of chosen segments lie far beyond the axes of a table for a while."""
+    if not chosen:
+        return []
+    channels = fitted.problem.channels
+    names = [channels.get(name, name) for name in fitted.problem.model.graph.inputs]
+    columns = {name: np.concatenate([data[name].values[data.counting] for data in chosen]) for name in names}
+    share = float(beyond_axes(fitted.problem, columns, BEYOND).mean()) if columns else 0.0
+    if share < MOST_BEYOND:
+        return []
+    message = f"{100 * share:.0f} % of the samples of these segments lie beyond the axes of a table"
+    return [Finding(PLACE, message, "Lookups clip there.", severity="warning")]
+
+
 def _usable(
     segments: list[RecordedSegment], information: Information, findings: Findings
 ) -> tuple[list[RecordedSegment], Information]:
     """Return the segments at which the function has finite values and that say anything."""
-    usable = information.usable
+    finite, telling = information.usable, information.candidates.any(axis=(0, 2))
+    usable = finite & telling
     if usable.all():
         return segments, information
+    for left_out, reason, remedy in (
+        (~finite, "the function has no finite value there", "Check the inputs there."),
+        (finite & ~telling, "no value that may change has an effect there", "Check weights and inputs there."),
+    ):
+        if left_out.all():
+            raise InputError.of(PLACE, f"no segment can be chosen, as {reason}", remedy)
+        if left_out.any():
+            message = f"{count_noun(int(left_out.sum()), 'segment')} left out, as {reason}"
+            findings.warning(PLACE, message, remedy)
     if not usable.any():
-        raise InputError.of(PLACE, "the function has no finite value at any candidate", "Check their inputs.")
-    message = f"{count_noun(int(np.sum(~usable)), 'segment')} left out, as the function has no finite value there"
-    findings.warning(PLACE, message, "Check the inputs there.")
+        raise InputError.of(PLACE, "no segment says anything", "Check weights and inputs of the candidates.")
     kept = [segment for segment, good in zip(segments, usable, strict=True) if good]
     return kept, Information(information.known, information.candidates[:, usable], information.use, usable[usable])
 
