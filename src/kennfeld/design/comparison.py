@@ -1,6 +1,7 @@
 """Comparison of the deviations that a design predicted with those of a fit with the measured data."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -131,8 +132,12 @@ def compare(
     if not names:
         message = "the design predicts no deviation of a parameter of this fit"
         raise InputError.of(PLACE, message, "Save a design around a fit as .json, and name that file.")
-    _require_equal_shapes(names, predicted, reached)
-    findings = []
+    equal = _of_equal_shape(names, predicted, reached)
+    # a value for each recording, of which there are more now, is compared with nothing
+    findings = [
+        replace(_other_shape(name, predicted, reached), severity="remark") for name in names if name not in equal
+    ]
+    names = equal
     if all(np.array_equal(before[name], reached[name]) for name in names):
         message = "the deviations are those before the design"
         remedy = "Add the measured data to the training data."
@@ -153,17 +158,17 @@ def _within(predicted: Float, most: Float, reached: Float) -> int:
     return int(np.sum((reached > TOLERATED * predicted) & (reached <= TOLERATED * most)))
 
 
-def _require_equal_shapes(names: list[str], predicted: Mapping[str, Float], reached: Mapping[str, Float]) -> None:
-    findings = [
-        Finding(
-            Location(name),
-            f"has the shape {list(reached[name].shape)}, but {list(predicted[name].shape)} in the design",
-        )
-        for name in names
-        if predicted[name].shape != reached[name].shape
-    ]
-    if findings:
-        raise InputError(findings)
+def _of_equal_shape(names: list[str], predicted: Mapping[str, Float], reached: Mapping[str, Float]) -> list[str]:
+    """Return the parameters with as many values as in the design, of which there must be one."""
+    equal = [name for name in names if predicted[name].shape == reached[name].shape]
+    if equal:
+        return equal
+    raise InputError([_other_shape(name, predicted, reached) for name in names])
+
+
+def _other_shape(name: str, predicted: Mapping[str, Float], reached: Mapping[str, Float]) -> Finding:
+    message = f"has the shape {list(reached[name].shape)}, but {list(predicted[name].shape)} in the design"
+    return Finding(Location(name), message)
 
 
 def _row(name: str, before: Float, predicted: Float, reached: Float) -> ParameterComparison:

@@ -1,5 +1,6 @@
 """A fitted function as designs see it: its curvatures, plausible values around it, and how long it remembers."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
 
@@ -15,6 +16,7 @@ from kennfeld.optimize.problem.problem import Problem, time_constants
 from kennfeld.optimize.quality.quality import NodeSimulator
 from kennfeld.optimize.sums.compiled import CompiledProblem
 from kennfeld.optimize.trust.covariance import Estimate
+from kennfeld.optimize.trust.information_matrix import ConstraintElimination
 from kennfeld.optimize.trust.matrices import whole
 from kennfeld.optimize.trust.trust import Trust
 
@@ -36,16 +38,26 @@ class FittedFunction:
         trust: the uncertainty of these values.
         estimate: the curvatures around them.
         converged: True if the search ended at a minimum.
+        unknown: values that only further data have, such as the offset of a recording to come, Bool[free].
     """
 
     problem: Problem
     trust: Trust
     estimate: Estimate
     converged: bool
+    unknown: Bool
 
     @classmethod
-    def of(cls, result: Result) -> "FittedFunction":
-        """Return the end of a fit in this process. Raises `InputError` if nothing is known around it."""
+    def of(cls, result: Result, unknown: Mapping[str, Bool] | None = None) -> "FittedFunction":
+        """Return the end of a fit in this process.
+
+        Args:
+            result: the result of the fit.
+            unknown: by parameter the values that only further data have; the fit held them.
+
+        Raises:
+            InputError: nothing is known around the end.
+        """
         trust = result.trust
         problem = getattr(result.inspection, "problem", None)
         if trust.estimate is None or problem is None or not np.isfinite(trust.estimate.dispersion):
@@ -57,7 +69,13 @@ class FittedFunction:
                 )
                 remedy = 'Measure a few points that fill the ranges first: method = "sobol" in [design].'
             raise InputError.of(Location("design"), message, remedy)
-        return cls(replace(problem, parameters=result.parameters), trust, trust.estimate, result.converged)
+        mask = np.zeros(trust.estimate.reduction.size, dtype=bool)
+        for name, where in (unknown or {}).items():
+            first = trust.columns.get(name, mask.size)
+            mask[first : first + where.size] = where
+        estimate = _released(trust.estimate, mask)
+        mask &= trust.estimate.reduction.fixed
+        return cls(replace(problem, parameters=result.parameters), trust, estimate, result.converged, mask)
 
     @cached_property
     def compiled(self) -> CompiledProblem:
@@ -181,3 +199,17 @@ class FittedFunction:
         # a number that can be driven: whole seconds of a long one
         warmup = LAGS * longest
         return float(np.ceil(warmup)) if warmup > WHOLE else warmup
+
+
+def _released(estimate: Estimate, unknown: Bool) -> Estimate:
+    """Return an estimate in which values move that the fit held; nothing is known of them, Bool[free]."""
+    before = estimate.reduction
+    more = np.setdiff1d(np.flatnonzero(unknown & before.fixed), before.dependent)
+    if not more.size:
+        return estimate
+    independent = np.sort(np.concatenate([before.independent, more]))
+    places = np.searchsorted(independent, before.independent)
+    follow, seen = np.zeros((before.dependent.size, independent.size)), np.zeros(independent.size, dtype=bool)
+    follow[:, places], seen[places] = before.follow, estimate.seen
+    reduction = ConstraintElimination(before.size, independent, before.dependent, follow)
+    return replace(estimate, reduction=reduction, seen=seen)

@@ -82,7 +82,10 @@ def deviations(fitted: FittedFunction, added: tuple[Float, Float] | None = None)
     Before, they are those of the trust of the fit, with the distance to a second minimum. `inf` is undetermined.
     """
     if added is None:
-        return {name: fitted.trust.deviation[name] for name in fitted.blocks if name in fitted.trust.deviation}
+        known = {name: fitted.trust.deviation[name] for name in fitted.blocks if name in fitted.trust.deviation}
+        # nothing is known yet of what only further data have
+        open_values = split_values(fitted, np.where(fitted.unknown, np.inf, 0.0))
+        return {name: np.maximum(own, open_values[name]) for name, own in known.items()}
     return split_values(fitted, estimate_with(fitted, *added).deviation(error=True))
 
 
