@@ -68,3 +68,20 @@ def test_what_a_measurement_leaves_is_said_with_the_noise_of_each_criterion():
     assert said == pytest.approx(expected, abs=0.006)
     # of one noise for both, the values of C would seem to gain as much
     assert expected < 0.95
+
+
+def test_a_second_minimum_stays_as_far_as_it_is_until_further_data_are_fitted():
+    x = np.linspace(0, 1, 60)
+
+    def fit(x, seed):
+        noise = np.random.default_rng(seed).normal(0, 0.02, x.size)
+        data = kf.Dataset.of(str(seed), {"x": x, "m": (1 + x) * (1.5 + x) + noise})
+        return kf.calibrate("input x\ny = (p + x) * (q + x)", data, {"p": 1.0, "q": 1.6}, "m")
+
+    proposal = design(fit(x, 0), n=20, ranges={"x": (0, 1)})
+    # p and q may change places, whatever is measured
+    refit = fit(np.concatenate([x, [point["x"] for point in proposal.points]]), 1)
+    for name in "pq":
+        assert proposal.before[name] > 0.3
+        assert proposal.after[name] == pytest.approx(refit.trust.deviation[name], rel=0.2)
+        assert proposal.least[name] > 0.3

@@ -23,6 +23,7 @@ from kennfeld.optimize.trust.matrices import Matrix, whole
 
 DRAWS = 8  # sets of values; the deviation of a refit lies between the extremes of 9 in 8 cases of 10
 MOST_VALUES = 1000  # whose matrices are inverted at each of them
+ROUNDING = 1e-6
 NOTICEABLE = 1.1  # ratio of deviations that is worth a sentence
 Curvature = Callable[[Float], Float]  # Gauss-Newton matrix of further data at some values, Float[free, free]
 
@@ -79,14 +80,30 @@ def deviations(fitted: FittedFunction, added: tuple[Float, Float] | None = None)
 
     Of these, the Gauss-Newton matrix and the variance of the gradient are needed; see `estimate_with`.
 
-    Before, they are those of the trust of the fit, with the distance to a second minimum. `inf` is undetermined.
+    They contain the distance to a second minimum, as those of the trust of the fit do: whether further data tell it
+    from the first one is known once these are fitted. `inf` is undetermined.
     """
     if added is None:
         known = {name: fitted.trust.deviation[name] for name in fitted.blocks if name in fitted.trust.deviation}
         # nothing is known yet of what only further data have
         open_values = split_values(fitted, np.where(fitted.unknown, np.inf, 0.0))
-        return {name: np.maximum(own, open_values[name]) for name, own in known.items()}
-    return split_values(fitted, estimate_with(fitted, *added).deviation(error=True))
+        return {name: np.asarray(np.maximum(own, open_values[name])) for name, own in known.items()}
+    after = split_values(fitted, estimate_with(fitted, *added).deviation(error=True))
+    apart = _distances(fitted)
+    return {name: np.asarray(np.sqrt(own**2 + apart[name])) if name in apart else own for name, own in after.items()}
+
+
+def _distances(fitted: FittedFunction) -> Mapping[str, Float]:
+    """Return the mean square distance of each value to a second minimum, by parameter with one."""
+    local = split_values(fitted, fitted.estimate.deviation(error=True))
+    distances = dict[str, Float]()
+    for name, whole_deviation in fitted.trust.deviation.items():
+        if name in local:
+            finite = np.isfinite(whole_deviation) & np.isfinite(local[name])
+            square, own = (np.where(finite, each, 0.0) ** 2 for each in (whole_deviation, local[name]))
+            if np.any(square > own * (1 + ROUNDING)):
+                distances[name] = np.maximum(square - own, 0.0)
+    return distances
 
 
 def curvatures_at(fitted: FittedFunction, added: Curvature, seed: int = 0) -> list[Float]:
@@ -135,14 +152,20 @@ def deviation_range(
     # what is known, or undetermined, at all of them has no range
     ratios[np.isnan(ratios)] = 1.0
     ranges = (split_values(fitted, each) for each in (ratios.min(axis=0), ratios.max(axis=0)))
-    least, most = ({name: _scaled(after[name], own) for name, own in each.items() if name in after} for each in ranges)
+    apart = _distances(fitted)
+    least, most = (
+        {name: _scaled(after[name], own, apart.get(name, 0.0)) for name, own in each.items() if name in after}
+        for each in ranges
+    )
     return least, most
 
 
-def _scaled(deviation: Float, ratio: Float) -> Float:
-    """Return the product of deviations and ratios; what is known or undetermined at the fit stays so."""
+def _scaled(deviation: Float, ratio: Float, apart: Float | float) -> Float:
+    """Return deviations times ratios; what is known or undetermined at the fit stays so, as do other minima apart."""
     open_range = np.isfinite(deviation) & (deviation > 0)
-    return np.multiply(deviation, ratio, out=np.array(deviation, dtype=np.float64), where=open_range)
+    square = np.where(open_range, deviation, 0.0) ** 2
+    factor = np.where(open_range, ratio, 1.0) ** 2
+    return np.where(open_range, np.sqrt(np.maximum(square - apart, 0.0) * factor + apart), deviation)
 
 
 def describe_range(
