@@ -35,6 +35,11 @@ def test_segments_far_beyond_the_axes_are_a_warning():
         design(lag_fit(drive(60, NARROW)), segments=1, candidates=with_inputs(data, 3 + data["u"].values), length=10.0)
 
 
+def test_candidates_without_time_stamps_have_no_segments():
+    with pytest.raises(kf.InputError, match="list has no time stamps, so that there are no segments"):
+        design(map_fit(), segments=1, candidates=kf.Dataset.of("list", {"n": [0.1, 0.2], "l": [0.1, 0.2]}))
+
+
 def test_if_nothing_may_change_there_is_nothing_to_measure():
     values = [0.0, 1.0, 3.0, 4.0, 4.5]
     start = kf.ParameterSet(

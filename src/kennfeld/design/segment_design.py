@@ -59,6 +59,10 @@ def design_segments(
     """
     findings = Findings()
     timed = [data for data in candidates if data.time is not None]
+    if not timed:
+        names = join_names([data.name for data in candidates])
+        remedy = "Name the time channel `time`, or ask for points with n."
+        raise InputError.of(PLACE, f"{names} has no time stamps, so that there are no segments", remedy)
     if len(timed) < len(candidates):
         untimed = join_names([data.name for data in candidates if data.time is None])
         findings.warning(PLACE, f"{untimed} has no time stamps, and is left out", "Name the time channel `time`.")
