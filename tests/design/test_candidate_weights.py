@@ -73,6 +73,29 @@ def test_no_point_is_chosen_where_nothing_counts():
     assert max(point["n"] for point in proposal.points) <= 0.7
 
 
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"constraints": [kf.Shape("M", 1, "slope", lower=-1.9, upper=-1.2)]},
+        {"pins": [kf.Pin("M", (0.5, 0.5), 3.0)]},
+        {"bounds": {"M": (0.0, 2.5)}},
+    ],
+    ids=["slopes", "pin", "bounds"],
+)
+def test_limits_of_values_are_those_of_the_refit(settings):
+    def fit(data):
+        start = kf.ParameterSet([kf.Map("M", AXIS, AXIS, np.ones((4, 4)))])
+        return kf.calibrate(MAP, data, start, "m", smoothness=0.01, **settings)
+
+    result = fit(bench())
+    assert fitted(result).estimate.reduction.independent.size < 16
+    proposal = design(result, n=15, ranges=RANGES)
+    deviation = fit([bench(), kf.Dataset.of("new", drawn(result, proposal.points))]).trust.deviation["M"]
+    np.testing.assert_array_equal(proposal.after["M"] > 0, deviation > 0)
+    ratio = proposal.after["M"][deviation > 0] / deviation[deviation > 0]
+    np.testing.assert_allclose(ratio, ratio[0], rtol=1e-5)
+
+
 @pytest.mark.parametrize("loss", ["huber", "soft_l1"])
 def test_with_a_robust_loss_a_sample_counts_by_its_mean_slope(loss):
     result = fit(bench(400), loss=loss, scale=0.05, delta=0.5)

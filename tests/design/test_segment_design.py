@@ -54,6 +54,15 @@ def test_if_nothing_may_change_there_is_nothing_to_measure():
         design(result, segments=1, candidates=drive(60, WIDE, 2), length=10.0)
 
 
+def test_a_value_at_its_bound_counts_as_known_and_that_is_said():
+    start = [kf.Curve("C", np.linspace(0, 1, 5), np.full(5, 2.0)), kf.Scalar("T", 2.0, lower=1.5)]
+    # the true time constant is 1
+    result = kf.calibrate(LAG, drive(60, NARROW), kf.ParameterSet(start), "m", smoothness={"C": 1e-3})
+    proposal = design(result, segments=1, candidates=drive(60, WIDE, 2), length=10.0)
+    assert proposal.before["T"] == proposal.after["T"] == proposal.most["T"] == 0.0
+    assert any("bounds hold 1 value of T, which predictions take for known" in str(each) for each in proposal.findings)
+
+
 def two_criteria(points):
     """Drives in which the lagged output is measured, and points at which its steady value is."""
     start = kf.ParameterSet([kf.Curve("C", np.linspace(0, 1, 5), np.full(5, 2.0)), kf.Scalar("T", 1.5, lower=0.01)])
