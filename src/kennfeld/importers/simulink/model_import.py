@@ -222,12 +222,14 @@ class ModelImport:
         if self._has_failures(partial):
             return compiler
         skipped = ", ".join(flat.path for flat in shown if flat not in sound)
-        self.substitutions.append(f"skipped {skipped[:200]}: the displayed signal is not supported")
+        kind = "signal" if self.flat.ends else "displayed signal"
+        self.substitutions.append(f"skipped {skipped[:200]}: the {kind} is not supported")
         return partial
 
     def _compile(self, goals: Collection[FlatBlock]) -> BlockCompiler:
         if not goals:
-            message = "it has no outport and no block that records or displays a signal"
+            is_library = self._system is self.document.root and self.document.kind == "library"
+            message = "it is a library" if is_library else "it has no outport and no signal that could be an output"
             raise InputError.of(Location(self.path.name), message, _output_remedy(self._system))
         try:
             return compile_to_fixed_point(self._make_compiler, goals)
@@ -298,18 +300,21 @@ class ModelImport:
             *(Finding(Location(), sentence, severity="warning") for sentence in sentences),
         )
         ignored = TYPES_IGNORED if self._inherited is None else TYPES_ROUNDED
+        ends = join_names([flat.path for flat in self.flat.ends], _MAX_LISTED)
+        of_ends = [f"no block is an outport or shows a signal: the outputs are the open ends of {ends}"] if ends else []
         note = [ignored] if any(flat.type == "DataTypeConversion" for flat in self.flat.blocks) else []
         sources = compiler.declared.sources
         return SimulinkReport(
             len(blocks), len(blocks) - len(unsupported) - len(unreached),
             with_network_binds(unsupported.values()), loops,
-            (*self.flat.variant_choices, *self.substitutions, *undecided, *note),
+            (*of_ends, *self.flat.variant_choices, *self.substitutions, *undecided, *note),
             tuple(sorted((*warnings, *self.remarks), key=lambda finding: finding.severity == "remark")),
             dict(sources), dict(compiler.expressions.frozen), self.solver, self.clock.step,
             tuple(calibratable(p, sources.get(p.name, "")) for p in compiler.declared.parameters.values()),
             reasons={name: failed_assignment(place) for name, place in self.variables.undefined.items()},
             unreached=unreached,
-            results=tuple(flat.path for flat in self.flat.results), has_outports=bool(self.flat.outports),
+            results=tuple(flat.path for flat in self.flat.results),
+            has_outports=bool(self.flat.outports or self.flat.ends),
         )  # fmt: skip
 
     def _precision(self, compiler: BlockCompiler) -> Iterator[str]:

@@ -71,7 +71,7 @@ def flatten(
     # only after all blocks are placed: a signal may come from anywhere
     ConnectionResolver(placed).connect()
     outports = [root.flat_blocks[block.sid] for block in sorted(system.of("Outport"), key=port_number)]
-    return FlatModel(placed.flat_blocks, outports, placed.variant_choices, placed.built)
+    return FlatModel(placed.flat_blocks, outports, (), placed.variant_choices, placed.built)
 
 
 @dataclass
