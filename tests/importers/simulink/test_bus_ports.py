@@ -110,3 +110,30 @@ def test_elements_at_a_subsystem_that_runs_several_times_are_refused(tmp_path):
     inner.block("ForIterator", "For", ports=(0, 1), IterationLimit="3")
     with pytest.raises(InputError, match="unsupported: a bus element port of an iterated subsystem"):
         imported(model, tmp_path)
+
+
+def test_a_bus_at_a_block_that_takes_none_is_a_vector(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.block("BusCreator", "C", Inputs="2", ports=(2, 1))
+    drawn.between(["a", "b"], "C")
+    drawn.block("Gain", "G", ports=(1, 1), Gain="[2 3]")
+    drawn.outport("y")
+    drawn.chain("C", "G", "y")
+    model = imported(drawn, tmp_path)
+    outputs = run(model, {"a": [1.0, 2.0], "b": [5.0, 7.0]})
+    assert (outputs["y[1]"].tolist(), outputs["y[2]"].tolist()) == ([2.0, 4.0], [15.0, 21.0])
+    assert any("G takes the bus at its input 1 as a vector" in str(remark) for remark in model.remarks)
+
+
+def test_a_bus_of_buses_is_no_vector(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.block("BusCreator", "C", Inputs="2", ports=(2, 1))
+    drawn.between(["a", "b"], "C")
+    drawn.block("BusCreator", "D", Inputs="2", ports=(2, 1))
+    drawn.line("C", "D:1", name="inner")
+    drawn.line("a", "D:2")
+    drawn.block("Gain", "G", ports=(1, 1), Gain="2")
+    drawn.outport("y")
+    drawn.chain("D", "G", "y")
+    with pytest.raises(InputError, match="its input 1 is a bus"):
+        imported(drawn, tmp_path)

@@ -244,3 +244,27 @@ def test_a_timeseries_is_a_recording_in_a_workspace_and_in_a_file(unit, scale, v
     np.testing.assert_allclose(run(model, samples=COUNT)["y1"], expected, atol=1e-9)
     model = imported(alone("FromFile", 0, FileName="s.mat"), tmp_path)
     np.testing.assert_allclose(run(model, samples=COUNT)["y1"], expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("library", ["arduinolib", "stm32f4xxblockslib", "mbedblockslib", "sldrtlib", "c2837xDlib"])
+def test_what_hardware_reads_is_an_input(library, tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.link("Pot", f"{library}/Analog Input", "", ports=(0, 1))
+    drawn.link("LED", f"{library}/Digital Output", "", ports=(1, 0))
+    drawn.block("Gain", "Twice", ports=(1, 1), Gain="2")
+    drawn.chain("Pot", "Twice", "LED")
+    result = import_simulink(drawn.write(tmp_path, "slx parts"))
+    assert result.model is not None
+    assert (result.model.graph.inputs, result.model.graph.outputs) == (("Pot",), ("Twice",))
+    assert run(result.model, {"Pot": [1.0, 2.0]})["Twice"].tolist() == [2.0, 4.0]
+    assert "Pot is the input Pot of the model: it reads hardware" in str(result.report.remarks[0])
+
+
+def test_hardware_that_answers_an_input_is_not_supported(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.link("Bus", "arduinolib/I2C Transfer", "", ports=(1, 1))
+    drawn.outport("y")
+    drawn.chain("u", "Bus", "y")
+    with pytest.raises(InputError, match="it drives hardware, by the library arduinolib"):
+        imported(drawn, tmp_path)

@@ -271,11 +271,28 @@ def test_a_data_store_of_a_signal_object_without_a_value_starts_at_0(tmp_path):
     assert [outputs["z[1]"][0], outputs["z[2]"][0]] == [0.0, 0.0]
 
 
-def test_a_data_store_without_a_memory_is_reported(tmp_path):
+def test_a_data_store_outside_of_the_model_that_is_only_read_is_an_input(tmp_path):
+    drawn = alone("Gain", Gain="2")
+    for at in range(2):
+        drawn.block("DataStoreRead", f"R{at}", ports=(0, 1), DataStoreName="outside")
+        drawn.outport(f"z{at}")
+        drawn.line(f"R{at}", f"z{at}")
+    model = imported(drawn, tmp_path)
+    assert model.graph.inputs == ("u1", "outside")
+    outputs = run(model, {"u1": [1.0, 1.0], "outside": [3.0, 4.0]})
+    assert outputs["z0"].tolist() == outputs["z1"].tolist() == [3.0, 4.0]
+    assert "R0 reads the data store outside, which is not in the model: it is the input outside" in map(
+        str, model.remarks
+    )
+
+
+def test_a_data_store_without_a_memory_that_is_written_is_reported(tmp_path):
     drawn = alone("Gain")
     drawn.block("DataStoreRead", "R", ports=(0, 1), DataStoreName="lost")
+    drawn.block("DataStoreWrite", "W", ports=(1, 0), DataStoreName="lost")
     drawn.outport("z")
     drawn.line("R", "z")
+    drawn.line("B", "W")
     with pytest.raises(InputError, match="data store lost not found"):
         imported(drawn, tmp_path)
 

@@ -37,9 +37,11 @@ from kennfeld.importers.simulink.reader.model_tree import (
     join_path,
     split_path,
 )
+from kennfeld.importers.simulink.reader.toolbox_libraries import toolbox_of
 from kennfeld.importers.simulink.variables.mask_scope import Scope
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 
+HARDWARE_INPUT = "HardwareInput"
 _NESTED = ("SubSystem", "ModelReference")
 
 
@@ -216,13 +218,20 @@ def linked_type(link: LibraryLink, known: Mapping[str, bool]) -> str:
     return link.type if link.type and known.get(link.type, True) else link.source
 
 
+def _reads_hardware(block: ModelBlock) -> bool:
+    """Return True for a block of a hardware support package that has outputs only, such as an analog input."""
+    toolbox = toolbox_of((split_path(block.reference.source) or ("",))[0]) if block.reference is not None else None
+    is_source = block.ports is not None and block.ports.outputs > 0 and not block.ports.inputs
+    return is_source and toolbox is not None and toolbox.hardware
+
+
 def _kind(block: ModelBlock, known: Mapping[str, bool]) -> str:
     if block.chart is not None and block.chart.kind == "Chart":
         return "Chart"
     if block.script and block.is_set_to("SFBlockType", "MATLAB Function"):
         return "MATLAB Function"
     if block.type == "Reference" and block.reference is not None:
-        return linked_type(block.reference, known)
+        return HARDWARE_INPUT if _reads_hardware(block) else linked_type(block.reference, known)
     # many blocks of libraries are masked subsystems, which only their mask names
     if block.type == "SubSystem" and block.mask is not None and block.mask.type:
         return block.mask.type
