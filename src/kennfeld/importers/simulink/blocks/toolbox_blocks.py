@@ -66,22 +66,6 @@ def sample_and_hold(block: BlockContext) -> SignalOrBus:
     return block.feedback(block.parameter("initCond"), lambda before: select(event, u, before))
 
 
-@block("aerolibutil/Quaternion Multiplication", linked=True)
-def quaternion_product(block: BlockContext) -> SignalOrBus:
-    """Compute the product q r of two quaternions, scalar part first."""
-    if [signal.size for signal in block.inputs] != [4, 4]:
-        raise UnsupportedError("its inputs must be vectors of 4 elements")
-    q, r = (signal.elements for signal in block.inputs)
-    terms = (
-        (q[0] * r[0], -(q[1] * r[1]), -(q[2] * r[2]), -(q[3] * r[3])),
-        (q[0] * r[1], q[1] * r[0], q[2] * r[3], -(q[3] * r[2])),
-        (q[0] * r[2], -(q[1] * r[3]), q[2] * r[0], q[3] * r[1]),
-        (q[0] * r[3], q[1] * r[2], -(q[2] * r[1]), q[3] * r[0]),
-    )
-    parts = [block.reduce("add", each) for each in terms]
-    return block.signal([node for part in parts for node in part.flat], parts[0].period)
-
-
 def _over_lines(
     block: BlockContext, direction: str, dimension: str, rule: Callable[[Sequence[Signal]], Signal]
 ) -> Signal:
