@@ -184,14 +184,24 @@ def integrator_start(block: BlockContext) -> Signal:
 @block("Integrator", output=ARITHMETIC, continuous=True,
        needs=lambda block: range(1, block.input_count), InitialCondition="0",
        InitialConditionSource="internal", ExternalReset="none", LimitOutput="off", UpperSaturationLimit="inf",
-       LowerSaturationLimit="-inf", ShowSaturationPort="off", ShowStatePort="off", WrapState="off")  # fmt: skip
+       LowerSaturationLimit="-inf", ShowSaturationPort="off", ShowStatePort="off", WrapState="off",
+       WrappedStateUpperValue="pi", WrappedStateLowerValue="-pi")  # fmt: skip
 def integrator(block: BlockContext) -> Outputs:
     """Integrate the input over time, with external reset and limits."""
     if block.is_on("WrapState"):
-        raise UnsupportedError("WrapState is on, which is not supported")
+        return _wrapped_integral(block)
     init, limits, reset = integrator_start(block), output_limits(block), external_reset(block)
     # the state starts, resets and advances within its limits: its output needs no limits of its own
     return with_saturation(block, block.continuous_state(init, lambda _: block.input(0), reset, limits, ported=True))
+
+
+def _wrapped_integral(block: BlockContext) -> Signal:
+    """Integrate an angle, which goes on at the other end of its range; the slope does not depend on the turns."""
+    if block.is_on("LimitOutput") or block.is_on("ShowStatePort"):
+        raise UnsupportedError("its state is wrapped and has limits or a state port, which is not supported")
+    lower, upper = block.parameter("WrappedStateLowerValue"), block.parameter("WrappedStateUpperValue")
+    turned = block.continuous_state(integrator_start(block), lambda _: block.input(0), external_reset(block))
+    return lower + (turned - lower) % (upper - lower)
 
 
 def with_saturation(block: BlockContext, y: Signal) -> Outputs:
@@ -236,10 +246,10 @@ def transfer_function(block: BlockContext) -> SignalOrBus:
     numerator, denominator = block.matrix("Numerator"), block.matrix("Denominator").ravel()
     if numerator.shape[0] != 1:
         raise UnsupportedError("its numerator has several rows (several outputs), which is not supported")
-    return _rational(block, [int(n) for n in numerator.ravel()], [int(n) for n in denominator])
+    return rational_output(block, [int(n) for n in numerator.ravel()], [int(n) for n in denominator])
 
 
-def _rational(block: BlockContext, numerator: list[int], denominator: list[int]) -> Signal:
+def rational_output(block: BlockContext, numerator: list[int], denominator: list[int]) -> Signal:
     """Lower a rational function of s with zero initial states; coefficients have the highest power first."""
     const, call, order = block.builder.const, block.builder.call, len(denominator) - 1
     if len(numerator) > order + 1:
@@ -333,7 +343,7 @@ def _roots(block: BlockContext, name: str) -> list[int]:
     return [int(node) for node in nodes.ravel() if block.builder.value(int(node)) not in (np.inf, -np.inf)]
 
 
-def _polynomial(block: BlockContext, roots: list[int]) -> list[int]:
+def multiply_out(block: BlockContext, roots: list[int]) -> list[int]:
     """Return the coefficients of (x - r1) (x - r2) ..., highest power first."""
     call, zero, nodes = block.builder.call, block.builder.const(0.0), [block.builder.const(1.0)]
     for root in roots:
@@ -351,8 +361,8 @@ def quotient(block: BlockContext) -> tuple[list[int], list[int]]:
     gain = block.parameter("Gain")
     if gain.size != 1:
         raise UnsupportedError("it has several gains (several outputs), which is not supported")
-    numerator = [block.builder.call("mul", gain.flat[0], node) for node in _polynomial(block, zeros)]
-    return numerator, _polynomial(block, poles)
+    numerator = [block.builder.call("mul", gain.flat[0], node) for node in multiply_out(block, zeros)]
+    return numerator, multiply_out(block, poles)
 
 
 def zero_pole_feedthrough(block: BlockContext) -> Iterable[int]:
@@ -363,7 +373,7 @@ def zero_pole_feedthrough(block: BlockContext) -> Iterable[int]:
 @block("ZeroPole", continuous=True, needs=zero_pole_feedthrough, Zeros="[1]", Poles="[0 -1]", Gain="[1]")
 def zero_pole(block: BlockContext) -> SignalOrBus:
     """Lower K (s - z1) ... / ((s - p1) ...) with zero initial states."""
-    return _rational(block, *quotient(block))
+    return rational_output(block, *quotient(block))
 
 
 @block("SecondOrderIntegrator", continuous=True, needs=no_feedthrough, ICX="0.0", ICDXDT="0.0", ICSourceX="internal",

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from kennfeld.importers.simulink.lowering import BlockContext, UnsupportedError, block
+from kennfeld.importers.simulink.reader.model_tree import ModelBlock
 from kennfeld.importers.simulink.signals import Signal, SignalOrBus, apply, select
 from kennfeld.models.imperative.node_arrays import Nodes
 
@@ -52,6 +53,23 @@ def moving_average(block: BlockContext) -> SignalOrBus:
     # w = lambda w' + 1, y = (1 - 1 / w) y' + u / w
     weight = block.feedback(block.constant(0.0), lambda before: factor * before + 1.0)
     return block.feedback(block.constant(0.0), lambda before: (1.0 - 1.0 / weight) * before + u / weight)
+
+
+def _sample_of_sine(block: ModelBlock) -> str:
+    return "" if block.is_set_to("SampleMode", "Continuous") else "SampleTime"
+
+
+@block("dspsrcs4/Sine Wave", linked=True, sample=_sample_of_sine, Amplitude="1", Frequency="100", Phase="0",
+       SampleMode="Discrete", OutComplex="Real", SampleTime="1/1000", SamplesPerFrame="1")  # fmt: skip
+def sine_wave(block: BlockContext) -> SignalOrBus:
+    """Compute the sine of a frequency in Hz and a phase in rad, at the sample hits if it is discrete."""
+    block.option("OutComplex", "Real")
+    frames = block.integer_field("SamplesPerFrame", 1)
+    discrete = block.option("SampleMode", "Discrete", "Continuous") == "Discrete"
+    if frames != 1 and discrete:
+        raise UnsupportedError(f"its output is a frame of {frames} samples, which is not supported")
+    angle = 2 * np.pi * (block.parameter("Frequency") * block.time) + block.parameter("Phase")
+    return block.parameter("Amplitude") * apply("sin", angle)
 
 
 @block("dspsigops/Sample and Hold", linked=True, sample="", trig="Rising edge", initCond="0", latchinput="off")
