@@ -260,11 +260,13 @@ def test_what_hardware_reads_is_an_input(library, tmp_path):
     assert "Pot is the input Pot of the model: it reads hardware" in str(result.report.remarks[0])
 
 
-def test_hardware_that_answers_an_input_is_not_supported(tmp_path):
+@pytest.mark.parametrize("block", ["I2C Transfer", "Audio Input", "Serial Receive"])
+def test_hardware_that_answers_an_input_or_receives_frames_is_not_supported(block, tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.inport("u")
-    drawn.link("Bus", "arduinolib/I2C Transfer", "", ports=(1, 1))
+    answers = block == "I2C Transfer"
+    drawn.link("Bus", f"arduinolib/{block}", "", ports=(int(answers), 1))
     drawn.outport("y")
-    drawn.chain("u", "Bus", "y")
+    drawn.chain(*(["u"] if answers else []), "Bus", "y")
     with pytest.raises(InputError, match="it drives hardware, by the library arduinolib"):
         imported(drawn, tmp_path)

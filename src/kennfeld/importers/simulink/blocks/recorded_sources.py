@@ -180,7 +180,7 @@ def _editor_signal(block: BlockContext, label: str, signal: Recorded) -> SignalO
 @block(HARDWARE_INPUT, sample="")
 def hardware_input(block: BlockContext) -> Outputs:
     """Return an input of the model for what a block of a hardware support package reads."""
-    return _measured_ports(block, "it reads hardware")
+    return _measured_ports(block, "it reads hardware, one value a step unless blocks behind it take more")
 
 
 def _measured_ports(block: BlockContext, why: str) -> Outputs:

@@ -5,6 +5,7 @@ Inports, outports, Goto and From blocks and plain subsystems become connections.
 Function imported alone is wrapped in a system with ports.
 """
 
+import re
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 
@@ -43,6 +44,7 @@ from kennfeld.models.imperative.evaluation_errors import EvaluationError
 
 HARDWARE_INPUT = "HardwareInput"
 _NESTED = ("SubSystem", "ModelReference")
+_FRAMES = re.compile(r"audio|microphone|serial|receive|uart|udp|tcp|\bcan\b|spi|i2c|video|camera|image|lidar", re.I)
 
 
 def flatten(
@@ -220,9 +222,11 @@ def linked_type(link: LibraryLink, known: Mapping[str, bool]) -> str:
 
 def _reads_hardware(block: ModelBlock) -> bool:
     """Return True for a block of a hardware support package that has outputs only, such as an analog input."""
-    toolbox = toolbox_of((split_path(block.reference.source) or ("",))[0]) if block.reference is not None else None
+    path = (split_path(block.reference.source) if block.reference is not None else ()) or ("",)
+    toolbox = toolbox_of(path[0])
     is_source = block.ports is not None and block.ports.outputs > 0 and not block.ports.inputs
-    return is_source and toolbox is not None and toolbox.hardware
+    # what is received in frames or messages has a size that its link does not state
+    return is_source and toolbox is not None and toolbox.hardware and _FRAMES.search(path[-1]) is None
 
 
 def _kind(block: ModelBlock, known: Mapping[str, bool]) -> str:
