@@ -80,8 +80,8 @@ def mux(block: BlockContext) -> SignalOrBus:
 
 @block("BusToVector")
 def bus_to_vector(block: BlockContext) -> SignalOrBus:
-    """Join the signals of a bus to one vector."""
-    return as_one_vector(block, block.input_or_bus(0))
+    """Join the signals of a bus to one vector, a row or column if one of them is."""
+    return block.joined([signal for _, signal in leaf_signals(block.input_or_bus(0))])
 
 
 def as_one_vector(block: BlockContext, *wired: SignalOrBus) -> Signal:

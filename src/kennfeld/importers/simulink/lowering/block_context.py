@@ -202,8 +202,16 @@ class BlockContext:
         if len(members) == 1:
             return members[0]
         self.warn(f"takes the bus at its input {index + 1} as a vector: {join_names(list(bus.members), 6)}")
+        return self.joined(members)
+
+    def joined(self, members: Sequence[Signal]) -> Signal:
+        """Return a vector of all elements, which is a row or column if one of the signals is."""
+        shapes = {member.shape for member in members if member.nodes.ndim == 2 and member.size > 1}
+        if any(min(shape) > 1 for shape in shapes) or len({shape[0] == 1 for shape in shapes}) > 1:
+            raise UnsupportedError("its bus contains matrices, or rows and columns, which are not one vector")
         nodes = [node for member in members for node in member.flat]
-        return replace(self.signal(nodes, period_of(members)), sound=all(member.sound for member in members))
+        shape = next(((1, len(nodes)) if shape[0] == 1 else (len(nodes), 1) for shape in shapes), None)
+        return replace(self.signal(nodes, period_of(members), shape), sound=all(member.sound for member in members))
 
     def _check_frame(self, signal: Signal) -> None:
         """Raise `UnsupportedError` if the rows of an input are successive samples."""
