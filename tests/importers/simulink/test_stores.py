@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from kennfeld.base.errors import InputError
+from kennfeld.importers.simulink.blocks import continuous
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Scalar
 from kennfeld.importers.simulink.flattening.flat_model import DataStoreOrder, FlatBlock
@@ -335,10 +336,24 @@ def test_a_transport_delay_is_a_pipe_that_takes_its_time(tmp_path):
     assert set(output[entered < 0]) == {-5.0}
 
 
-def test_the_error_for_a_too_long_delay_explains_how_to_shorten_it(tmp_path):
-    with pytest.raises(InputError, match="MaximumDelay of 900 s is 9000 steps") as caught:
-        imported(delayed("Variable time delay", "900"), tmp_path)
-    assert '"B:MaximumDelay"' in str(caught.value)
+@pytest.mark.parametrize("kind", ["Variable time delay", "Variable transport delay"])
+def test_a_delay_beyond_the_most_steps_is_unknown(kind, tmp_path, monkeypatch):
+    monkeypatch.setattr(continuous, "_MAX_STATES", 5)
+    model = imported(delayed(kind, "0.9"), tmp_path)
+    (remark,) = [str(remark) for remark in model.remarks if "MaximumDelay" in str(remark)]
+    assert "B is NaN while its delay exceeds 0.5 s: its MaximumDelay of 0.9 s is 9 steps" in remark
+    whole = imported(delayed(kind, "0.4"), tmp_path)
+    for time in (0.3, 0.8):
+        columns = {"u1": U, "u2": np.full(30, time)}
+        output, at = run(model, columns)["y1"], round(10 * time)
+        np.testing.assert_array_equal(output[:at], -5.0)
+        if time == 0.3:
+            np.testing.assert_array_equal(output, run(whole, columns)["y1"])
+        else:
+            assert np.isnan(output[at + 1 :]).all()
+
+
+def test_a_shorter_delay_needs_fewer_states(tmp_path):
     model = imported(delayed("Variable time delay", "900"), tmp_path, parameters=[{"B:MaximumDelay": 0.5}])
     assert len(model.graph.states) == 5
 

@@ -64,22 +64,29 @@ def _delay_output(block: BlockContext, delay: Signal, late: Signal, init: Signal
     return select(passed, late, init)
 
 
-def _steps(block: BlockContext, time: Signal) -> int:
-    """Return how many steps a variable delay may reach back: its longest one, or less if its input is limited."""
+def _steps(block: BlockContext, time: Signal) -> tuple[int, bool]:
+    """Return how many steps a variable delay may reach back: its longest one, or less if its input is limited.
+
+    The second value is True if that is less than its `MaximumDelay`; a longer delay is then unknown.
+    """
     step, longest = _fixed_step(block), block.numeric_field("MaximumDelay")
     count = int(np.ceil(longest / step - 1e-9))
     bound = bound_of(block.builder, time.flat[0], up=True)
     if 0.0 <= bound < longest:
         # one more, as distances travelled are rounded
         count = min(count, int(np.ceil(bound / step - 1e-9)) + 1)
-    if not 1 <= count <= _MAX_STATES:
-        field, most = toml_text(f"{block.flat.path}:MaximumDelay"), f"{_MAX_STATES * step:g}"
-        raise UnsupportedError(
-            f"its MaximumDelay of {longest:g} s is {count} steps of {step:g} s; at most {_MAX_STATES} are supported",
-            f"Limit its delay by a Saturation with constant limits, or set a shorter one: [parameters.{field}] "
-            f"initial = {most} in the project, in Python parameters=[{{{field}: {most}}}].",
-        )
-    return count
+    if count < 1:
+        raise UnsupportedError(f"its MaximumDelay of {longest:g} s is less than a step of {step:g} s")
+    if count <= _MAX_STATES:
+        return count, False
+    # NaN is seen, where the value of the longest delay would look right
+    field = toml_text(f"{block.flat.path}:MaximumDelay")
+    block.warn(
+        f"is NaN while its delay exceeds {_MAX_STATES * step:g} s: its MaximumDelay of {longest:g} s is {count} steps, "
+        f"and at most {_MAX_STATES} are supported. A shorter MaximumDelay, or a Saturation of its delay with constant "
+        f"limits, saves memory and time: [parameters.{field}]"
+    )
+    return _MAX_STATES, True
 
 
 def _handles_zero(block: BlockContext) -> bool:
@@ -97,27 +104,28 @@ def variable_delay(block: BlockContext) -> SignalOrBus:
     time = block.hold_in_minor_steps(arriving)
     if time.size != 1:
         raise UnsupportedError("its delay is a vector, which is not supported")
-    count, init = _steps(block, arriving), block.parameter("InitialOutput")
+    (count, is_capped), init = _steps(block, arriving), block.parameter("InitialOutput")
     steps = range(1, count + 1)
     late = [block.discrete_state(init, lambda _: block.hold_in_minor_steps(block.input(0)), at) for at in steps]
+    oldest = block.constant(np.nan) if is_capped else late[-1]
     if kind == "Variable transport delay":
-        return _transport(block, time, late, init)
+        return _transport(block, time, late, init, oldest)
     time = apply("max", time, 0.0)
     if not _handles_zero(block):
-        return _delay_output(block, time, _interpolate_past(block, time, late, 1), init)
+        return _delay_output(block, time, _interpolate_past(block, time, late, 1, oldest), init)
     u = block.hold_in_minor_steps(block.input(0))
-    y = _delay_output(block, time, _interpolate_past(block, time, [u, *late], 0), init)
+    y = _delay_output(block, time, _interpolate_past(block, time, [u, *late], 0, oldest), init)
     return select(apply("eq", time, 0.0), u, y)
 
 
-def _interpolate_past(block: BlockContext, time: Signal, late: list[Signal], first: int) -> Signal:
+def _interpolate_past(block: BlockContext, time: Signal, late: list[Signal], first: int, oldest: Signal) -> Signal:
     """Interpolate linearly between the two steps around `time`.
 
     `late` holds the inputs of past steps, latest first, beginning `first` steps ago. The line between the two latest
-    ones is extrapolated to a shorter delay; the value of the oldest one is held for a longer delay.
+    ones is extrapolated to a shorter delay; `oldest` is the result for a longer delay.
     """
     steps = time / block.base_step
-    result = late[-1]
+    result = oldest
     # from the longest delay to the shortest, so that the last condition that holds selects
     for at in range(len(late) - 1, 0, -1):
         share = steps - float(first + at - 1)
@@ -126,7 +134,7 @@ def _interpolate_past(block: BlockContext, time: Signal, late: list[Signal], fir
     return result
 
 
-def _transport(block: BlockContext, time: Signal, late: list[Signal], init: Signal) -> Signal:
+def _transport(block: BlockContext, time: Signal, late: list[Signal], init: Signal, oldest: Signal) -> Signal:
     """Return the input one transport ago; the distance travelled, in pipe lengths, is the integral of 1/time."""
     zero, rate = block.constant(0.0), 1.0 / time
 
@@ -140,7 +148,7 @@ def _transport(block: BlockContext, time: Signal, late: list[Signal], init: Sign
     distances = [block.discrete_state(zero, lambda _: distance, at) for at in range(1, len(late) + 1)]
     # what leaves the pipe entered it when the distance was one pipe length less
     entered = distance - 1.0
-    y = late[-1]
+    y = oldest
     for at in range(len(late) - 1, 0, -1):
         between = interpolate_line(entered, (distances[at], distances[at - 1]), (late[at], late[at - 1]))
         y = select(entered >= distances[at], between, y)
