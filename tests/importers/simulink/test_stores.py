@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from kennfeld.base.errors import InputError
-from kennfeld.importers.simulink.blocks import continuous
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Scalar
+from kennfeld.importers.simulink.blocks import continuous
 from kennfeld.importers.simulink.flattening.flat_model import DataStoreOrder, FlatBlock
 from kennfeld.importers.simulink.importing import import_simulink
 from kennfeld.importers.simulink.reader.document import read_document
