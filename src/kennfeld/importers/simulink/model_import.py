@@ -160,7 +160,10 @@ class ModelImport:
         definitions = undefined_parameters(failed, compiler.expressions, report.undefined, report.reasons)
         missing = dict(self.variables.missing_files) if report.undefined else {}
         needed = missing | missing_links(failed)
-        proposals = propose_files(self.path, self._loaded.search, tuple(report.undefined), places, needed)
+        # a signal object in a file may declare a data store as well
+        stores = [flat.block.value("DataStoreName") or "" for flat in failed if _lacks_store(flat)]
+        undefined = tuple(dict.fromkeys((*report.undefined, *(name.strip() for name in stores))))
+        proposals = propose_files(self.path, self._loaded.search, undefined, places, needed)
         return replace(report, definitions=definitions, missing_files=missing, proposals=proposals)
 
     @property
@@ -370,6 +373,11 @@ def _unknown_widths(compiler: BlockCompiler) -> Iterator[Finding]:
     for widths in groups.values():
         message = width_note([width.name for width in widths], widths[0])
         yield Finding(Location(), message, BUS_REMEDY, severity="warning")
+
+
+def _lacks_store(flat: FlatBlock) -> bool:
+    """Return True for an access to a data store that is not found."""
+    return flat.type in ("DataStoreRead", "DataStoreWrite") and flat.data_store is None
 
 
 def _output_remedy(system: System) -> str:
