@@ -233,7 +233,8 @@ class ModelImport:
         if not goals:
             is_library = self._system is self.document.root and self.document.kind == "library"
             message = "it is a library" if is_library else "it has no outport and no signal that could be an output"
-            raise InputError.of(Location(self.path.name), message, _output_remedy(self._system))
+            otherwise = "Import a model that uses it." if is_library else "Add an outport."
+            raise InputError.of(Location(self.path.name), message, _output_remedy(self._system, otherwise))
         try:
             return compile_to_fixed_point(self._make_compiler, goals)
         except GraphTooLargeError as error:
@@ -380,9 +381,9 @@ def _lacks_store(flat: FlatBlock) -> bool:
     return flat.type in ("DataStoreRead", "DataStoreWrite") and flat.data_store is None
 
 
-def _output_remedy(system: System) -> str:
+def _output_remedy(system: System, otherwise: str) -> str:
     inner = [block.path for block in system.every() if block.system is not None]
-    return f"Import a subsystem: {join_names(inner, _MAX_LISTED)}." if inner else "Add an outport."
+    return f"Import a subsystem: {join_names(inner, _MAX_LISTED)}." if inner else otherwise
 
 
 def _refusal(compiler: BlockCompiler, flat: FlatBlock) -> tuple[str, str]:
