@@ -21,7 +21,7 @@ _TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml",
 
 
 @dataclass(frozen=True)
-class _File:
+class _SentFile:
     """A file as it is sent: its content, its headers, and the tag by which a browser knows that it has it."""
 
     content: bytes
@@ -38,7 +38,7 @@ class StaticFiles:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._names = {path.name for path in folder.iterdir() if path.is_file()}
-        self._read: dict[tuple[str, bool], _File] = {}
+        self._read: dict[tuple[str, bool], _SentFile] = {}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         await self._response(scope)(scope, receive, send)
@@ -57,11 +57,11 @@ class StaticFiles:
             return Response(status_code=304, headers=file.headers)
         return Response(file.content, headers=file.headers)
 
-    def _file(self, name: str, *, compressed: bool) -> _File:
+    def _file(self, name: str, *, compressed: bool) -> _SentFile:
         key = name, compressed
         if key not in self._read:
             content = (self._folder / (name + COMPRESSED * compressed)).read_bytes()
-            self._read[key] = _File(content, _headers(name, content, compressed=compressed), _tag(content))
+            self._read[key] = _SentFile(content, _headers(name, content, compressed=compressed), _tag(content))
         return self._read[key]
 
 

@@ -39,7 +39,7 @@ class Run:
 
     @property
     def elapsed(self) -> float:
-        """How long it took, in s."""
+        """Elapsed time in s."""
         return self.seconds or self.result.seconds.total
 
 
