@@ -160,6 +160,27 @@ def _array(evaluator: SymbolicEvaluator, count: Nodes, *rest: Nodes) -> Nodes:
     return nodes.reshape(shape if len(shape) > 1 else (*shape, 1))
 
 
+def _tail(evaluator: SymbolicEvaluator, array: Nodes, start: Nodes, is_flat: Nodes) -> Nodes:
+    """Return the elements of an array from an address on; those of a matrix one by one, if `is_flat`."""
+    rows = array.reshape(-1, 1) if known_integer(evaluator, is_flat) else array
+    return rows[_known_start(evaluator, rows, start) :]
+
+
+def _with_tail(evaluator: SymbolicEvaluator, array: Nodes, tail: Nodes) -> Nodes:
+    """Return an array whose last elements are replaced by those of `tail`."""
+    count = array.size - tail.size
+    return np.concatenate([array.ravel()[:count], tail.ravel()]).reshape(array.shape)
+
+
+def _known_start(evaluator: SymbolicEvaluator, rows: Nodes, start: Nodes) -> int:
+    value = evaluator.builder.value(int(start.item()))
+    if value is None:
+        raise ProgramError("the address that a function gets depends on signals", "Pass the array and the index.")
+    if not 0 <= value <= len(rows):
+        raise AbortedPathError
+    return int(value)
+
+
 def _without_nan(name: str) -> Callable[..., Nodes]:
     """Return the rule of fmin or fmax, which ignore an argument that is not a number."""
 
@@ -250,6 +271,8 @@ _INTERNAL: Final = (
     RuleFunction("index", 2, _index),
     RuleFunction("zeros", 1, _zeros),
     RuleFunction("array", 2, _array),
+    RuleFunction("tail", 3, _tail),
+    RuleFunction("with_tail", 2, _with_tail),
 )
 MATHEMATICS: Final = {function.name: function.count for function in _MATHEMATICS}
 TESTS: Final = {function.name: function.count for function in _TESTS}
