@@ -324,6 +324,17 @@ PROGRAMS = {
             *y = a[0] + a[2] - a[5] + m[0][0];
             return s + (r > T + 2) + first(&T[1]) + sum(T + 2, 3) + sum(m[1], 3);
         }""",
+    "rare mathematics": """
+        #include <math.h>
+        double step(double u, int n, double *y) {
+            static const double special[8] = {0.0, -0.0, 1.0, -1.0, 0.0 / 0.0, 1.0 / 0.0, 1e-310, 5e-324};
+            double x = n < 0 ? u : special[n & 7]; int q = 77;
+            double rest = remquo(u * 7, n - 2.25, &q), next = nexttoward(x, u);
+            *y = lgamma(u) + lgamma(-1.0) * (n == 5) + erfc(9 - u) * 1e9;
+            return rest + (q & 7) + fpclassify(x) * 10 + (fpclassify(x) == FP_NAN) + tgamma(u) / tgamma(u - 1)
+                + (nextafter(u, n) - u) * 1e17 + (nextafter(4.0, -u) - 4.0) * 1e15
+                + (isnan(next) ? 100 : next > 1e300 ? 200 : next * 1e20);
+        }""",
     "memory within arrays": """
         #include <string.h>
         #include <stdint.h>

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -31,16 +32,20 @@ from kennfeld.models.imperative.exact_arithmetic import (
     round_to_even,
 )
 from kennfeld.models.imperative.floating_point import (
+    class_of,
     exponent_of,
     fraction_of,
     fused_product,
     is_negative,
     is_normal,
+    last_bits_of_quotient,
     logarithm_of_exponent,
     mantissa_of,
     nearest_remainder,
+    next_number,
     scaled,
 )
+from kennfeld.models.imperative.gamma_functions import gamma, log_gamma
 from kennfeld.models.imperative.graph_operators import INVERSE_HYPERBOLIC, ONE, operation
 from kennfeld.models.imperative.integer_types import EXACT, IntegerType
 from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, truncate
@@ -235,6 +240,11 @@ _MATHEMATICS: Final = (
     RuleFunction("remainder", 2, elementwise(nearest_remainder)),
     RuleFunction("logb", 1, elementwise(logarithm_of_exponent)),
     RuleFunction("erf", 1, elementwise(operation("erf"))),
+    RuleFunction("erfc", 1, elementwise(operation("erfc"))),
+    RuleFunction("lgamma", 1, elementwise(log_gamma)),
+    RuleFunction("tgamma", 1, elementwise(gamma)),
+    RuleFunction("nextafter", 2, elementwise(next_number)),
+    RuleFunction("nexttoward", 2, elementwise(next_number)),
     RuleFunction("exp10", 1, elementwise(lambda builder, x: Elementwise(builder)("pow", 10.0, x))),
 )
 _COMPARISONS: Final = {
@@ -262,6 +272,11 @@ _INTERNAL: Final = (
     RuleFunction("exponent", 1, elementwise(exponent_of)),
     RuleFunction("mantissa", 1, elementwise(mantissa_of)),
     RuleFunction("normal", 2, lambda e, x, least: is_normal(e.builder, x, e.builder.value(int(least.item())) or 0.0)),
+    RuleFunction(
+        "classified", 2, lambda e, x, least: class_of(e.builder, x, e.builder.value(int(least.item())) or 0.0)
+    ),
+    RuleFunction("nextafterf", 2, elementwise(partial(next_number, is_single=True))),
+    RuleFunction("lastbits", 2, elementwise(last_bits_of_quotient)),
     RuleFunction("fraction", 1, elementwise(fraction_of)),
     RuleFunction("and", 4, _bits("bitand")),
     RuleFunction("or", 4, _bits("bitor")),
