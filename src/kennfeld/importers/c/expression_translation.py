@@ -31,6 +31,7 @@ from kennfeld.program import tree as m
 
 _COMPARISONS: Final = {"==": "==", "!=": "~=", "<": "<", "<=": "<=", ">": ">", ">=": ">="}
 _BITS: Final = {"&": "and", "|": "or", "^": "xor"}
+_LONG_WORDS: Final = "64-bit integers are exact up to 2^53, and NaN beyond"
 _SPECIAL: Final = {"__infinity": float("inf"), "__nan": float("nan")}
 
 
@@ -286,7 +287,7 @@ class CExpressionTranslation(AddressTranslation):
                 return self._fitted(m.Unary("-", operand.tree), kind)
             case "!":
                 return COperand(m.Unary("~", operand.tree), INT)
-            case "~" if kind.word is not None and kind.word.bits <= 32:
+            case "~" if kind.word is not None and (kind.word.bits <= 32 or kind.word.signed):
                 # ~x = -1 - x in signed words, 2^bits - 1 - x in unsigned ones
                 top = m.Number(-1.0 if kind.word.signed else 2.0**kind.word.bits - 1.0)
                 return COperand(m.Binary("-", top, operand.tree), kind)
@@ -298,7 +299,7 @@ class CExpressionTranslation(AddressTranslation):
             # the sum, product or quotient of two floats has a double that is rounded to the same float
             return COperand(rounded(tree) if kind.single else tree, kind)
         if kind.word.bits > 32:
-            self.remarks["64-bit integers are exact up to 2^53, and NaN beyond"] = None
+            self.remarks[_LONG_WORDS] = None
         return COperand(_wrapped("wrap", kind, tree), kind)
 
     def _binary(self, tree: c_ast.BinaryOp) -> COperand:
@@ -329,8 +330,10 @@ class CExpressionTranslation(AddressTranslation):
         if op in _COMPARISONS:
             return COperand(m.Binary(_COMPARISONS[op], a, b), INT)
         if op in _BITS:
-            if kind.word is None or kind.word.bits > 32:
-                raise UnsupportedCError(f"{op} of {kind.name} is not supported", wrong=kind.word is None)
+            if kind.word is None:
+                raise UnsupportedCError(f"{op} of {kind.name} is not supported", wrong=True)
+            if kind.word.bits > 32:
+                self.remarks[_LONG_WORDS] = None
             return COperand(_wrapped(_BITS[op], kind, a, b), kind)
         if kind.word is None:
             if op == "%":

@@ -135,12 +135,28 @@ def _remainder(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes) -> Nodes:
     return apply("sub", a, apply("mul", _quotient(evaluator, a, b), b))
 
 
+_HALF: Final = 32  # bits of a half of a 64-bit integer
+
+
 def _bits(name: str) -> Rule:
     apply = symbolic_rule(name)
 
     def rule(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes, bits: Nodes, signed: Nodes) -> Nodes:
         word = _word(evaluator, bits, signed)
-        return apply(evaluator, s.integers(a, word), s.integers(b, word))
+        if word.bits > EXACT:
+            a, b = (_known_exactly(evaluator.builder, operand, word) for operand in (a, b))
+        values = [evaluator.builder.value(int(operand.item())) for operand in (a, b)]
+        if any(value is not None and math.isnan(value) for value in values):  # a quotient by 0, on a path not taken
+            return np.full_like(a, evaluator.builder.const(math.nan))
+        if word.bits <= EXACT:
+            return apply(evaluator, s.integers(a, word), s.integers(b, word))
+        # by halves, of which the upper one has the sign
+        step, combine = 2.0**_HALF, Elementwise(evaluator.builder)
+        kinds = IntegerType(_HALF, word.signed, "Round", True), IntegerType(_HALF, False, "Round", True)
+        upper = [s.integers(combine("floor", combine("div", operand, step)), kinds[0]) for operand in (a, b)]
+        lower = [s.integers(combine("mod", operand, step), kinds[1]) for operand in (a, b)]
+        whole = combine("mul", np.asarray(apply(evaluator, *upper)), step)
+        return combine("add", whole, np.asarray(apply(evaluator, *lower)))
 
     return rule
 
