@@ -30,7 +30,8 @@ _CONSTANTS: Final = {"pi": math.pi, "e": math.e, "inf": math.inf, "nan": math.na
 _BUILT_IN: Final = ("abs", "min", "max", "float", "int", "bool", "pow", "round")
 # functions whose results are integers, also of numbers of NumPy; `round` only without a number of digits
 _WHOLE: Final = {
-    ("builtins", "int"), ("builtins", "bool"), ("builtins", "round"), ("math", "floor"), ("math", "ceil"), ("math", "trunc"),
+    ("builtins", "int"), ("builtins", "bool"), ("builtins", "round"), ("math", "floor"), ("math", "ceil"),
+    ("math", "trunc"),
 }  # fmt: skip
 _PASSING: Final = ("abs", "min", "max", "pow", "round")  # whose results are of the kind of their arguments
 _TRUTHS: Final = ("isnan", "isinf", "isfinite", "signbit")

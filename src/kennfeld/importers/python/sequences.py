@@ -271,7 +271,7 @@ class SequenceTranslation(NumberTranslation):
         if not items or len(points) != len(items) or sorted(points) != points or side not in ("left", "right"):
             raise untranslated(tree)
         x, sign = self.value(tree.args[1]), "<=" if side == "left" else "<"
-        beyond = [m.Unary("~", m.Binary(sign, x, item)) for item in items]
+        beyond: list[m.Expression] = [m.Unary("~", m.Binary(sign, x, item)) for item in items]
         return reduce(lambda a, b: m.Binary("+", a, b), beyond, m.Number(0.0))
 
     def _selection(self, tree: ast.Call) -> m.Expression:

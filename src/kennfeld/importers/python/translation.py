@@ -34,7 +34,6 @@ from kennfeld.models.imperative.path_facts import logical_or
 from kennfeld.models.imperative.statement_interpreter import StatementInterpreter
 from kennfeld.program import tree as m
 
-
 _MOST_KINDS: Final = 6  # a kind changes from integer to float to unknown, one name after the other
 
 
@@ -137,7 +136,7 @@ class PythonTranslation(SequenceTranslation):
         if len(values) != len(results):
             raise UntranslatableError("it returns several values", tree.lineno)
         place = m.TextPosition(tree.lineno)
-        statements = [
+        statements: list[m.Statement] = [
             m.Assign((m.Name(name),), self.value(item), place=place) for name, item in zip(results, values, strict=True)
         ]
         kinds = [self.kind(item) for item in values]

@@ -34,7 +34,7 @@ def log_gamma(builder: GraphBuilder, x: Nodes) -> Nodes:
 
 
 def gamma(builder: GraphBuilder, x: Nodes) -> Nodes:
-    """Compute gamma(x) to some 1e-14 of the result; NaN at -1, -2, ..., and infinity of the sign of x at 0."""
+    """Compute the gamma function to some 2e-14 of the result; NaN at -1, -2, ..., infinity of the sign of x at 0."""
     apply = Elementwise(builder)
     reflected, sine, is_low = _reflected(apply, x)
     z, product, is_far = _shifted(apply, reflected, _MOST)
