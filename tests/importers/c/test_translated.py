@@ -335,6 +335,16 @@ PROGRAMS = {
                 + (nextafter(u, n) - u) * 1e17 + (nextafter(4.0, -u) - 4.0) * 1e15
                 + (isnan(next) ? 100 : next > 1e300 ? 200 : next * 1e20);
         }""",
+    "long products": """
+        #include <stdint.h>
+        double step(double u, int n, double *y) {
+            int a = (int)(u * 7e7), b = 1987654321 - n, d = (n + 3) * 70001;
+            int64_t mask = (int64_t)a * 1000 + n;
+            *y = (int32_t)(((int64_t)a * b) >> 31) + (int32_t)(((int64_t)a * b + 0x40000000) >> 31) * 3.0
+                + (double)((0x8000 + (int64_t)b * d) >> 16) + (double)(((uint64_t)(uint32_t)a * (uint32_t)b) >> 33);
+            mask ^= 0x5A5A5A5A5ALL; mask &= ~(int64_t)0xF0F; mask |= n & 7;
+            return (double)((int64_t)a * b / (d | 1)) + (double)mask;
+        }""",
     "memory within arrays": """
         #include <string.h>
         #include <stdint.h>
@@ -447,6 +457,14 @@ def test_an_address_that_leads_to_other_bytes_or_objects_is_refused(body, messag
     (tmp_path / "f.c").write_text(f"{head}double f(double u, int n) {{ {body} }}\n")
     with pytest.raises(InputError, match=f"line 2: {message}"):
         read_function_file("f.c:f", tmp_path)
+
+
+def test_an_array_of_unknown_size_ends_where_that_of_the_caller_does(tmp_path):
+    head = "static double sum(const double *p, int n) { double s = 0; while (n-- > 0) s += *p++; return s; }\n"
+    (tmp_path / "f.c").write_text(f"{head}double f(int n) {{ double a[3] = {{1, 2, 4}}; return sum(a, n); }}\n")
+    graph = as_model(read_function_file("f.c:f", tmp_path)).graph
+    values = evaluate(graph, {"n": np.array([-1.0, 0, 2, 3])}, ParameterSet())["f"]
+    np.testing.assert_array_equal(values, [0, 0, 3, 7])
 
 
 def test_a_pointer_that_moves_out_of_its_array_by_signals_gives_nan(tmp_path):

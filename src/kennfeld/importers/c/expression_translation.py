@@ -343,6 +343,8 @@ class CExpressionTranslation(AddressTranslation):
             case "*" if kind.word.bits <= 32:
                 # a product of 32-bit words has up to 64 bits, more than a double holds
                 return COperand(_wrapped("multiply", kind, a, b), kind)
+            case "/" if kind.word.bits > 32 and (parts := _product_of(a)) is not None:
+                return self._fitted(call_of("product_quotient", *parts, b, m.Number(float(kind.word.signed))), kind)
             case "/" | "%":
                 return self._fitted(call_of("quotient" if op == "/" else "rest", a, b), kind)
             case "+" | "-" | "*":
@@ -354,6 +356,9 @@ class CExpressionTranslation(AddressTranslation):
         if kind.word is None or right.type.word is None:
             raise UnsupportedCError(f"{op} of {left.type.name} is not supported")
         # C11, 6.5.7: the type is that of the left operand, promoted
+        if op == ">>" and kind.word.bits > 32 and (terms := _product_and_addend(left.tree)) is not None:
+            signed = m.Number(float(kind.word.signed))
+            return self._fitted(call_of("upper_bits", *terms, right.tree, signed), kind)
         name = "left" if op == "<<" else "right"
         return self._fitted(call_of(name, left.tree, right.tree), kind)
 
@@ -415,6 +420,26 @@ class CExpressionTranslation(AddressTranslation):
     def call(self, tree: c_ast.FuncCall, *, wants_result: bool = True) -> COperand:
         """Translate a call of a function of the file or of the C library."""
         raise NotImplementedError
+
+
+def _product_of(tree: m.Expression) -> tuple[m.Expression, m.Expression] | None:
+    """Return the factors of a product of 64-bit integers; None for other expressions."""
+    match tree:
+        case m.Call(m.Name("c:wrap"), (m.Binary(".*", left, right), m.Number(64.0), m.Number())):
+            return left, right
+    return None
+
+
+def _product_and_addend(tree: m.Expression) -> tuple[m.Expression, m.Expression, m.Expression] | None:
+    """Return the factors of a product of 64-bit integers, and what is added to it, such as half of the last bit."""
+    if (factors := _product_of(tree)) is not None:
+        return *factors, m.Number(0.0)
+    match tree:
+        case m.Call(m.Name("c:wrap"), (m.Binary("+", left, right), m.Number(64.0), m.Number())):
+            for product, addend in ((left, right), (right, left)):
+                if (factors := _product_of(product)) is not None:
+                    return *factors, addend
+    return None
 
 
 def _is_number(tree: c_ast.Node) -> bool:

@@ -9,6 +9,12 @@ import numpy as np
 
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph import GraphBuilder
+from kennfeld.importers.c.long_products import (
+    LEAST_BITS,
+    needs_parts,
+    quotient_of_product,
+    upper_bits_of_product,
+)
 from kennfeld.importers.rules import (
     Rule,
     RuleFunction,
@@ -130,6 +136,24 @@ def _quotient(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes) -> Nodes:
     return truncate(evaluator.builder, Elementwise(evaluator.builder)("div", a, b))
 
 
+def _quotient_of_product(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes, divisor: Nodes, signed: Nodes) -> Nodes:
+    """Compute a b / divisor of 64-bit integers, also if a b is beyond 2^53."""
+    builder, word = evaluator.builder, IntegerType(64, bool(known_integer(evaluator, signed)))
+    if needs_parts(builder, word, a, b, divisor):
+        return quotient_of_product(builder, a, b, divisor)
+    return _quotient(evaluator, _known_exactly(builder, Elementwise(builder)("mul", a, b), word), divisor)
+
+
+def _upper_bits(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes, addend: Nodes, count: Nodes, signed: Nodes) -> Nodes:
+    """Compute (a b + addend) >> count of 64-bit integers, also if a b is beyond 2^53."""
+    builder, apply = evaluator.builder, Elementwise(evaluator.builder)
+    word, bits = IntegerType(64, bool(known_integer(evaluator, signed))), builder.value(int(count.item()))
+    if bits is not None and bits >= LEAST_BITS and needs_parts(builder, word, a, b, addend, is_sum=True):
+        return upper_bits_of_product(builder, a, b, addend, bits)
+    product = _known_exactly(builder, apply("add", apply("mul", a, b), addend), word)
+    return shift(-1.0)(evaluator, product, count)
+
+
 def _remainder(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes) -> Nodes:
     apply = Elementwise(evaluator.builder)
     return apply("sub", a, apply("mul", _quotient(evaluator, a, b), b))
@@ -167,6 +191,12 @@ def _index(evaluator: SymbolicEvaluator, place: Nodes, size: Nodes) -> Nodes:
     if value is not None and not 1 <= value <= known_integer(evaluator, size):
         raise AbortedPathError
     return place
+
+
+def _size(evaluator: SymbolicEvaluator, array: Nodes, row: Nodes) -> Nodes:
+    """Return the number of elements of an array, or of the numbers of a matrix of so many columns."""
+    count = float(len(array) * max(known_integer(evaluator, row), 1))
+    return np.array([[evaluator.builder.const(count)]], dtype=np.int64)
 
 
 def _zeros(evaluator: SymbolicEvaluator, *sizes: Nodes) -> Nodes:
@@ -284,6 +314,8 @@ _INTERNAL: Final = (
     RuleFunction("multiply", 4, _multiply),
     RuleFunction("quotient", 2, _quotient),
     RuleFunction("rest", 2, _remainder),
+    RuleFunction("product_quotient", 4, _quotient_of_product),
+    RuleFunction("upper_bits", 5, _upper_bits),
     RuleFunction("scaled", 2, elementwise(scaled)),
     RuleFunction("exponent", 1, elementwise(exponent_of)),
     RuleFunction("mantissa", 1, elementwise(mantissa_of)),
@@ -300,6 +332,7 @@ _INTERNAL: Final = (
     RuleFunction("left", 2, shift(1.0)),
     RuleFunction("right", 2, shift(-1.0)),
     RuleFunction("index", 2, _index),
+    RuleFunction("size", 2, _size),
     RuleFunction("zeros", 1, _zeros),
     RuleFunction("array", 2, _array),
     RuleFunction("tail", 3, _tail),

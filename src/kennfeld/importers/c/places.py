@@ -325,10 +325,14 @@ class PlaceTranslation:
         return place.element(self._bounded(index, place, tree))
 
     def _bounded(self, index: m.Expression, place: CPlace, tree: c_ast.Node) -> m.Expression:
-        """Return an index that is checked, unless the size of its array is not known."""
+        """Return an index that is checked."""
         size = place.sizes[0]
-        if not size:
-            return index
+        if not size:  # of an array behind a pointer, which the function may be called with
+            if place.indices or place.offset is not None:
+                return index
+            numbers = m.Name(f"{place.name}{next(place.leaves).path}")
+            count = m.Call(m.Name("c:size"), (numbers, m.Number(float(math.prod(place.rows[1:])))))
+            return m.Call(m.Name("c:index"), (index, count))
         if isinstance(index, m.Number):
             if not 1 <= index.value <= size:
                 message = f"index {index.value - 1:g} of {place.label}, which has {size} elements"
