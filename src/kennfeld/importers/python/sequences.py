@@ -272,7 +272,7 @@ class SequenceTranslation(NumberTranslation):
             raise untranslated(tree)
         x, sign = self.value(tree.args[1]), "<=" if side == "left" else "<"
         beyond: list[m.Expression] = [m.Unary("~", m.Binary(sign, x, item)) for item in items]
-        return reduce(lambda a, b: m.Binary("+", a, b), beyond, m.Number(0.0))
+        return reduce(lambda a, b: m.Binary("+", a, b), beyond)
 
     def _selection(self, tree: ast.Call) -> m.Expression:
         """Translate `numpy.select` of conditions; all values are computed, as their exceptions count."""
