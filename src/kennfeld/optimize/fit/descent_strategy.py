@@ -160,7 +160,7 @@ def _compare_descents(
         ends.append(continuation.descend(plan.long, start, limits, early, setup.report, costs)[0])
     end = _continue_on_all_samples(setup, ends, start, limits, settings)
     # at a smooth minimum the undamped step promises nothing; at a kink, the slopes of one side still promise a
-    # decrease, of which another search among the same kinks finds about as much. Other valleys are no part of it.
+    # decrease, of which another search among the same kinks finds about as much. It says nothing of other valleys.
     enough = 0.0 if _costs_differ(ends, plan.valley_difference) else setup.significant
     promise = np.inf if end.certificate is None else end.certificate.predicted_decrease
     done = promise <= max(settings.tolerance, enough) or end.cost == 0 or end.status != "converged"
