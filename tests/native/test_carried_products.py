@@ -10,6 +10,7 @@ from kennfeld.analysis.missing.candidate_shares import RowShare
 from kennfeld.analysis.missing.candidate_sums import block_sums, family_sums
 from kennfeld.analysis.missing.families import HatAxis, Series, channel_families, map_families, series_families
 from kennfeld.analysis.missing.probes import Nodes, Probes
+from kennfeld.native import accumulator
 from kennfeld.optimize.problem.setup import ProblemSetup
 from kennfeld.optimize.sums.compiled import CompiledProblem
 from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlocks
@@ -53,12 +54,15 @@ def all_families(compiled, probes, nodes):
 CASES = [
     ("one state", 1),
     ("a delay longer than a part", 2),
-    *(pytest.param(name, outputs, marks=pytest.mark.slow) for name in MODELS for outputs in (1, 2)),
+    *(pytest.param(name, 1, marks=pytest.mark.slow) for name in [*MODELS][1:]),
+    *(pytest.param(name, 2, marks=pytest.mark.slow) for name in [*MODELS] if "longer" not in name),
 ]
 
 
 @pytest.mark.parametrize(("name", "outputs"), CASES)
 def test_sums_of_sweeps_are_those_of_rows(monkeypatch, name, outputs):
+    # several chunks, over which all families go in turn
+    monkeypatch.setattr(accumulator, "TAPE_BYTES", 16_000)
     compiled, probes, nodes = compiled_problem(MODELS[name], outputs)
     assert compiled.kernel.pattern.carried
     blocks = HoldoutBlocks.of(compiled, 5)

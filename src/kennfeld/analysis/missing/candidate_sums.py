@@ -87,8 +87,10 @@ class _PassShare:
 
     def add(self, space: Workspace, chunk: Chunk, begins: bool) -> None:
         scales = None if self._series is None else self._series.read(chunk, begins)
-        first = 0
+        carried, first = space.carried(), 0
         for part, count in zip(self.parts, self._counts, strict=True):
+            # each part carries S over the samples
+            space.carry(*carried)
             own = None if scales is None or not count else np.ascontiguousarray(scales[:, first : first + count])
             part.add(space, chunk, begins, own)
             first += count
