@@ -70,7 +70,9 @@ class CarriedProducts:
         self._square_ends = [0, *np.cumsum([a * b for a, b in zip(hats, rows, strict=True)]).tolist()]
         size = self._square_ends[-1]
         self._squares = aligned_zeros(blocks * size + room)[: blocks * size].reshape(blocks, size)
-        self._scratch = aligned_zeros(scratch_size(kernel.pattern, self._width, self._probes, hats) + room)
+        self._scratch = aligned_zeros(
+            scratch_size(kernel.pattern, self._width, self._probes, kernel.entries.room, hats) + room
+        )
 
     def begin(self, first: Float) -> None:
         """Start a piece; `first` are the slopes of the first values of the states, Float[carried, hats, factors]."""
@@ -129,10 +131,13 @@ class CarriedProducts:
     @property
     def jb(self) -> Float:
         """J'WB, Float[values, hats * factors]; 0 for values without a row."""
-        parts = [
-            self._jb[self._free * begin : self._free * end].reshape(self._free, -1)
-            for begin, end in pairwise(self._ends)
-        ]
+        parts = []
+        for begin, end in pairwise(self._ends):
+            vectors = self._jb[self._free * begin : self._free * end].reshape(-1, self._free, LANES)
+            rows = np.ascontiguousarray(vectors.transpose(1, 0, 2)).reshape(self._free, -1)
+            # what samples before a part contribute is added to all rows
+            rows[self._roles != OWN] = 0.0
+            parts.append(rows)
         return self._joined(parts)
 
     @property

@@ -23,6 +23,7 @@ from kennfeld.native.tape_layout import TapeLayout
 from kennfeld.native.tape_reader import ENTRIES, Rows, TapeEntries, dot, load_row, times
 
 PART = 128  # samples that are swept forward, then backward, so that their columns stay in the cache
+STRIP = 2  # vectors of columns whose part of J'WB is added at a time
 TILE = 4  # factors are padded to a multiple of this
 OWN, IGNORED = -1, -2  # roles of a column of the kernel: has rows of J'WB, or is none; else the number of its probe
 
@@ -38,12 +39,11 @@ def pitch(hats: int, width: int) -> int:
     return _padded(hats * width)
 
 
-def scratch_size(pattern: TapeLayout, width: int, probes: int, hats: Sequence[int]) -> int:
+def scratch_size(pattern: TapeLayout, width: int, probes: int, entries: int, hats: Sequence[int]) -> int:
     """Return the number of doubles of `scratch` of `products_function`."""
-    longest, depth = max(pitch(count, width) for count in hats), sum(pattern.latencies)
-    return (
-        PART * (pattern.rows * width + pattern.outputs * longest) + 2 * depth * longest + _padded(pattern.rows * probes)
-    )
+    longest, rows = max(pitch(count, width) for count in hats), pattern.rows
+    own = _padded(rows * probes) + _padded(PART) + PART * _padded(entries * (rows + 1))
+    return own + PART * rows * (width + longest) + 2 * sum(pattern.latencies) * longest
 
 
 def _padded(size: int) -> int:
@@ -90,6 +90,11 @@ class _Rings:
                 place = f.load(self._places, i, "i64")
                 first = f.new(f"icmp eq i64 {place}, 0")
                 f.store(f.new(f"select i1 {first}, i64 {latency - 1}, i64 {f.add(place, -1)}"), self._places, i, "i64")
+
+
+def _whole(f: FunctionWriter, size: str) -> str:
+    """Return a size that is padded to whole vectors."""
+    return f.new(f"and i64 {f.add(size, LANES - 1)}, {-LANES}")
 
 
 def _pull(f: FunctionWriter, k: str, outputs: int) -> tuple[Rows, Rows]:
@@ -174,13 +179,15 @@ def products_function(pattern: TapeLayout, width: int, corners: int, *, scaled: 
     with f.walk("%length") as (first, position):
         end = f.extreme("smin", f.add(first, PART), "%length")
         writer.write_factors(first, end, scaled=scaled)
+        writer.write_entries(first, end)
         hats, columns, squares = (f.variable("i64", "0") for _ in range(3))
         with f.loop(0, "%axes") as axis:
             count = f.load_index("%hats", axis)
-            row = f.new(f"and i64 {f.add(f.mul(count, width), LANES - 1)}, {-LANES}")
+            row = _whole(f, f.mul(count, width))
             writer.begin_axis(axis, count, row, hats.get(), columns.get(), squares.get())
             writer.forward(first, end)
             writer.backward(first, end)
+            writer.add_entries(first, end)
             writer.finish()
             hats.set(f.add(hats.get(), count))
             columns.set(f.add(columns.get(), row))
@@ -199,6 +206,10 @@ class _ProductsWriter:
         self._v, self._tile = Vector(f), Vector(f, TILE)
         self._rings = _Rings(f, pattern.latencies)
         self._factors, self._probes = "%scratch", f.at("%scratch", PART * pattern.rows * width)
+        self._counts = f.at(self._probes, _whole(f, f.mul("%probes", pattern.rows)))
+        self._entry_size = _whole(f, f.mul("%room", pattern.rows + 1))
+        self._entries = f.at(self._counts, _padded(PART))
+        self._rest = f.at(self._entries, f.mul(self._entry_size, PART))
 
     def write_factors(self, first: str, end: str, *, scaled: bool) -> None:
         """Collect the slopes by the probes of all samples, Float[samples, rows, width]."""
@@ -222,6 +233,23 @@ class _ProductsWriter:
                         slope = f.fmul(slope, f.load("%scales", f.add(f.mul(k, "%factors"), factor)))
                     f.store(slope, into, f.add(factor, row * self.width))
 
+    def write_entries(self, first: str, end: str) -> None:
+        """Collect the entries in own columns: how many a sample has, and for each its column, W D and B."""
+        f, m, rows = self.f, self.pattern.outputs, self.pattern.rows
+        with f.loop(first, end) as k:
+            weights, number = load_row(f, "%weight", k, m), f.variable("i64", "0")
+            sample = f.new(f"sub i64 {k}, {first}")
+            into, entries = f.at(self._entries, f.mul(sample, self._entry_size)), TapeEntries(f, k, rows)
+            with f.loop(0, entries.count) as e:
+                column, slopes = entries.read(e)
+                with f.when(f.new(f"icmp eq i32 {f.load('%roles', column, 'i32')}, {OWN}")):
+                    place = f.at(into, f.mul(number.get(), rows + 1))
+                    f.store(f.mul(column, LANES), place, 0, "i64")
+                    for row, slope in enumerate(slopes):
+                        f.store(f.fmul(weights[row], slope) if row < m else slope, place, row + 1)
+                    number.set(f.add(number.get(), 1))
+            f.store(number.get(), self._counts, sample, "i64")
+
     def _factors_of(self, first: str, k: str) -> str:
         number = self.f.new(f"sub i64 {k}, {first}")
         return self.f.at(self._factors, self.f.mul(number, self.pattern.rows * self.width))
@@ -234,19 +262,15 @@ class _ProductsWriter:
         self._jb = f.at("%jb", f.mul(columns, "%free"))
         self._br = f.at("%br", columns)
         self._squares = f.at("%squares", squares)
-        size = f.add(f.mul("%probes", self.pattern.rows), LANES - 1)
-        self._z = f.at(self._probes, f.new(f"and i64 {size}, {-LANES}"))
+        self._z = self._rest
         self._begun = f.at(self._z, f.mul(row, self.depth))
         self._b = f.at(self._begun, f.mul(row, self.depth))
 
-    def _is_own(self, column: str) -> str:
-        return self.f.new(f"icmp eq i32 {self.f.load('%roles', column, 'i32')}, {OWN}")
-
     def _rows_of(self, first: str, k: str) -> Rows:
-        """Return the addresses of b of a sample, by output."""
-        f, m = self.f, self.pattern.outputs
-        number = f.mul(f.new(f"sub i64 {k}, {first}"), m)
-        return [f.at(self._b, f.mul(f.add(number, o), self._row)) for o in range(m)]
+        """Return the addresses of b by output, and of z[k+1] by state, of a sample."""
+        f, rows = self.f, self.pattern.rows
+        number = f.mul(f.new(f"sub i64 {k}, {first}"), rows)
+        return [f.at(self._b, f.mul(f.add(number, row), self._row)) for row in range(rows)]
 
     def forward(self, first: str, end: str) -> None:
         """Compute b of all samples, and carry s over them."""
@@ -257,7 +281,7 @@ class _ProductsWriter:
         f.do(f"call void @llvm.memcpy.p0.p0.i64(ptr {self._begun}, ptr {self._own}, i64 {size}, i1 false)")
         with f.loop(first, end) as k:
             c, a = load_row(f, "%c", k, m * n, pattern.c), load_row(f, "%a", k, n * n, pattern.a)
-            outputs, states = self._rows_of(first, k), self._rings.rows(self._own, self._row)
+            outputs, states = self._rows_of(first, k)[:m], self._rings.rows(self._own, self._row)
             with f.loop(0, f.new(f"sdiv i64 {self._row}, {LANES}")) as vector:
                 at = f.mul(vector, LANES)
                 old = [v.load(row, at) for row in states]
@@ -303,28 +327,40 @@ class _ProductsWriter:
         with f.loop(first, end) as forward:
             k = f.new(f"sub i64 {f.add(end, -1)}, {f.new(f'sub i64 {forward}, {first}')}")
             self._rings.back()
-            outputs, later = self._rows_of(first, k), self._rings.rows(self._z, self._row)
+            rows, later = self._rows_of(first, k), self._rings.rows(self._z, self._row)
             weights, pulls = _pull(f, k, m)
-            self._add_entries(k, weights, [*outputs, *later])
-            self._add_squares(first, k, weights, [*outputs, *later])
+            self._add_squares(first, k, weights, [*rows[:m], *later])
             c, a = load_row(f, "%c", k, m * n, pattern.c), load_row(f, "%a", k, n * n, pattern.a)
             weighted = [times(f, weights[i // n], each) for i, each in enumerate(c)]
-            self._step_back(outputs, later, weighted, a, pulls)
+            self._step_back(rows, later, weighted, a, pulls)
 
-    def _add_entries(self, k: str, weights: Rows, rows: Rows) -> None:
-        """Add D' W b + B' z to the rows of J'WB that the entries of a sample touch."""
-        f, v, m = self.f, self._v, self.pattern.outputs
-        entries = TapeEntries(f, k, self.pattern.rows)
-        with f.loop(0, entries.count) as e:
-            column, slopes = entries.read(e)
-            factors = [f.fmul(weights[o], slopes[o]) for o in range(m)] + slopes[m:]
-            with f.when(self._is_own(column)):
-                into = f.at(self._jb, f.mul(column, self._row))
-                with f.loop(0, f.new(f"sdiv i64 {self._row}, {LANES}")) as vector:
-                    at = f.mul(vector, LANES)
-                    own = [v.load(row, at) for row in rows]
-                    total = _combined(v, [(ONE, v.load(into, at)), *zip(factors, own, strict=True)])
-                    v.store(total, into, at)
+    def add_entries(self, first: str, end: str) -> None:
+        """Add D' W b + B' z to the rows of J'WB that the entries of the samples touch.
+
+        A few columns at a time, whose part of J'WB fits the nearest cache.
+        """
+        f = self.f
+        vectors = f.new(f"sdiv i64 {self._row}, {LANES}")
+        strips = f.new(f"sdiv i64 {vectors}, {STRIP}")
+        with f.loop(0, strips) as strip:
+            self._add_strip(first, end, f.mul(strip, STRIP), STRIP)
+        with f.loop(f.mul(strips, STRIP), vectors) as vector:
+            self._add_strip(first, end, vector, 1)
+
+    def _add_strip(self, first: str, end: str, vector: str, count: int) -> None:
+        f, v, rows = self.f, self._v, self.pattern.rows
+        vectors = [f.add(vector, number) for number in range(count)]
+        targets = [f.at(self._jb, f.mul(f.mul(number, LANES), "%free")) for number in vectors]
+        with f.loop(first, end) as k:
+            sample, places = f.new(f"sub i64 {k}, {first}"), self._rows_of(first, k)
+            own = [[v.load(row, f.mul(number, LANES)) for row in places] for number in vectors]
+            entries = f.at(self._entries, f.mul(sample, self._entry_size))
+            with f.loop(0, f.load(self._counts, sample, "i64")) as e:
+                entry = f.at(entries, f.mul(e, rows + 1))
+                column, slopes = f.load(entry, 0, "i64"), [f.load(entry, row + 1) for row in range(rows)]
+                for target, vectors_of_rows in zip(targets, own, strict=True):
+                    terms = [(ONE, v.load(target, column)), *zip(slopes, vectors_of_rows, strict=True)]
+                    v.store(_combined(v, terms), target, column)
 
     def _add_squares(self, first: str, k: str, weights: Rows, rows: Rows) -> None:
         """Add d' W b + e' z to the products of the hats of a sample with all hats of the axis."""
@@ -349,26 +385,28 @@ class _ProductsWriter:
                 for target, (_, weight) in zip(targets, sides, strict=True):
                     v.store(v("fadd", v.load(target, at), v("fmul", v.splat(weight), pull)), target, at)
 
-    def _step_back(self, outputs: Rows, later: Rows, c: Rows, a: Rows, pulls: Rows) -> None:
-        """Replace z[k+1] by z[k], and add b W r."""
-        f, v, n = self.f, self._v, self.pattern.carried
+    def _step_back(self, rows: Rows, later: Rows, c: Rows, a: Rows, pulls: Rows) -> None:
+        """Keep z[k+1] and replace it by z[k], and add b W r."""
+        f, v, m, n = self.f, self._v, self.pattern.outputs, self.pattern.carried
         with f.loop(0, f.new(f"sdiv i64 {self._row}, {LANES}")) as vector:
             at = f.mul(vector, LANES)
-            b, z = [v.load(row, at) for row in outputs], [v.load(row, at) for row in later]
+            b, z = [v.load(row, at) for row in rows[:m]], [v.load(row, at) for row in later]
             v.store(_combined(v, [(ONE, v.load(self._br, at)), *zip(pulls, b, strict=True)]), self._br, at)
             for i, row in enumerate(later):
+                v.store(z[i], rows[m + i], at)
                 v.store(_combined(v, [*zip(a[i::n], z, strict=True), *zip(c[i::n], b, strict=True)]), row, at)
 
     def finish(self) -> None:
         """Add what samples before this part contribute: S' z and s' z."""
         f, v, tile = self.f, self._v, self._tile
-        columns = f.loop(0, f.extreme("smin", "%width", "%free"))
-        with columns as column, f.when(self._is_own(column)), f.loop(0, self.depth) as slot:
-            begun = v.splat(f.load("%sensitivities", f.add(f.mul(slot, "%width"), column)))
-            into, z = f.at(self._jb, f.mul(column, self._row)), f.at(self._z, f.mul(slot, self._row))
-            with f.loop(0, f.new(f"sdiv i64 {self._row}, {LANES}")) as vector:
-                at = f.mul(vector, LANES)
-                v.store(v("fadd", v.load(into, at), v("fmul", begun, v.load(z, at))), into, at)
+        reached = f.extreme("smin", "%width", "%free")
+        with f.loop(0, f.new(f"sdiv i64 {self._row}, {LANES}")) as vector, f.loop(0, self.depth) as slot:
+            place = f.mul(vector, LANES)
+            into = f.at(self._jb, f.mul(place, "%free"))
+            later, begun = v.load(self._z, f.add(f.mul(slot, self._row), place)), f.mul(slot, "%width")
+            with f.loop(0, reached) as column:
+                factor, at = v.splat(f.load("%sensitivities", f.add(begun, column))), f.mul(column, LANES)
+                v.store(v("fadd", v.load(into, at), v("fmul", factor, later)), into, at)
         with f.loop(0, self.depth) as slot, f.loop(0, self._hats) as hat:
             begun = f.at(self._begun, f.add(f.mul(slot, self._row), f.mul(hat, self.width)))
             into, z = f.at(self._squares, f.mul(hat, self._row)), f.at(self._z, f.mul(slot, self._row))
