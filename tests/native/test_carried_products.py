@@ -10,7 +10,7 @@ from kennfeld.analysis.missing.candidate_shares import RowShare
 from kennfeld.analysis.missing.candidate_sums import block_sums, family_sums
 from kennfeld.analysis.missing.families import HatAxis, Series, channel_families, map_families, series_families
 from kennfeld.analysis.missing.probes import Nodes, Probes
-from kennfeld.native import accumulator
+from kennfeld.native import accumulator, carried_products
 from kennfeld.optimize.problem.setup import ProblemSetup
 from kennfeld.optimize.sums.compiled import CompiledProblem
 from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlocks
@@ -63,6 +63,7 @@ CASES = [
 def test_sums_of_sweeps_are_those_of_rows(monkeypatch, name, outputs):
     # several chunks, over which all families go in turn
     monkeypatch.setattr(accumulator, "TAPE_BYTES", 16_000)
+    monkeypatch.setattr(carried_products, "DEEP", 1000)
     compiled, probes, nodes = compiled_problem(MODELS[name], outputs)
     assert compiled.kernel.pattern.carried
     blocks = HoldoutBlocks.of(compiled, 5)
@@ -87,3 +88,9 @@ def test_sums_of_sweeps_are_those_of_rows(monkeypatch, name, outputs):
 
 def test_runs_of_a_block_follow_each_other():
     assert block_runs(np.array([2, 2, 0, 1, 1], dtype=np.int32)) == [(0, 2), (2, 3), (3, 5)]
+
+
+def test_many_states_and_long_delays_take_rows():
+    few, long = (compiled_problem(f"a = C(x)\ny = delay(a, {steps}, 0)")[0] for steps in (60, 90))
+    assert carried_products.has_carried_sweeps(few.kernel)
+    assert not carried_products.has_carried_sweeps(long.kernel)

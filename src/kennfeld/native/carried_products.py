@@ -19,10 +19,12 @@ from kennfeld.native.kernel import Kernel
 from kennfeld.native.tape_layout import MANY, TapeLayout
 from kennfeld.native.workspace import Workspace
 
+DEEP = 64  # rows of sensitivities, beyond which what they add at the start of each part takes longer than rows of J
+
 
 def has_carried_sweeps(kernel: Kernel) -> bool:
-    """Return True if the sums of a model with memory exist; those of many states come from rows."""
-    return 0 < kernel.pattern.carried <= MANY
+    """Return True if sweeps are faster than rows of all columns: with few states and without a long delay."""
+    return 0 < kernel.pattern.carried <= MANY and sum(kernel.pattern.latencies) <= DEEP
 
 
 class CarriedProducts:
