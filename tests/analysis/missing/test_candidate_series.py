@@ -2,7 +2,6 @@
 
 import numpy as np
 
-import kennfeld as kf
 from kennfeld.analysis.missing import candidate_series
 from kennfeld.analysis.missing.candidate_series import SeriesSource, goes_along
 from kennfeld.analysis.missing.families import Series
