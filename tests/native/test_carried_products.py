@@ -33,8 +33,8 @@ def compiled_problem(text, outputs=1):
         "time": 0.1 * np.arange(SAMPLES)
     }
     data["m"][50:90] = np.nan
-    given = {"C": kf.Curve("C", [-1, -0.5, 0, 1], [0.5, 1.0, 3.0, 2.0]), "T": 0.4, "k": 0.3}
-    start = {name: value for name, value in given.items() if name in text}
+    parameters = {"C": kf.Curve("C", [-1, -0.5, 0, 1], [0.5, 1.0, 3.0, 2.0]), "T": 0.4, "k": 0.3}
+    start = {name: value for name, value in parameters.items() if name in text}
     criteria = [kf.Criterion("y", channel) for channel in ("m", "l")[:outputs]]
     problem = ProblemSetup(text, data, start, criteria=criteria).problem()
     nodes = Nodes.of(problem)
