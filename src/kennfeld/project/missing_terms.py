@@ -62,7 +62,7 @@ def propose(
     """
     scope.check()
     problem, remarks = _with_more_channels(project, scope.channels)
-    values = values or _calibrated(project, problem)
+    values = values or calibrated_values(project, problem)
     if values is None:
         report("calibrating, as the results folder has no values of this function")
         remarks.append("Calibrated first, as the results folder has no values of this function.")
@@ -74,7 +74,7 @@ def propose(
     return replace(terms, proposals=patched, remarks=(*remarks, *terms.remarks))
 
 
-def _calibrated(project: "Project", problem: Problem) -> ParameterSet | None:
+def calibrated_values(project: "Project", problem: Problem) -> ParameterSet | None:
     """Return the values of the last run, if it was of a function with the same parameters."""
     path = project.path.parent / FOLDER / "parameters.json"
     if not path.is_file():

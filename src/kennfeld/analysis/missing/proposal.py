@@ -229,6 +229,10 @@ class TermProposals:
     unit: str = ""
     problem: Problem | None = field(default=None, repr=False)
 
+    def without_fits(self) -> "TermProposals":
+        """Return the same without the problem and the fits, which hold the data."""
+        return replace(self, proposals=tuple(replace(each, fit=None) for each in self.proposals), problem=None)
+
     def __len__(self) -> int:
         return len(self.proposals)
 

@@ -72,9 +72,8 @@ class Addition:
             return cls(term, parameter)
         if term.kind == "offset":
             *numbers, others = term.breakpoints
-            mean = Equality(tuple(Term(label, (number,)) for number in numbers), 0.0)
             free = score.columns == len(numbers)
-            return cls(term, parameter, 0.0, Pin(label, (others,), 0.0), () if free else (mean,))
+            return cls(term, parameter, 0.0, Pin(label, (others,), 0.0), () if free else (no_mean(label, term),))
         smoothness = float(f"{SMOOTHNESS * score.curvature:.0e}")
         if term.second:
             locked = np.zeros(parameter.size, dtype=bool)
@@ -112,6 +111,11 @@ class Addition:
         """
         read = self.to(problem, problem.parameters)
         return replace(problem, model=read.model, parameters=read.parameters, free=problem.free_names)
+
+
+def no_mean(label: str, term: MissingTerm) -> Equality:
+    """Return the constraint that the offsets of the fitted recordings, a parameter of this name, have no mean."""
+    return Equality(tuple(Term(label, (number,)) for number in term.breakpoints[:-1]), 0.0)
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,12 @@ from glob import escape
 
 import numpy as np
 
+from kennfeld.analysis.missing.picture import value_unit
 from kennfeld.analysis.missing.probes import Nodes
 from kennfeld.analysis.missing.proposal import RmseChange, TermProposal
 from kennfeld.analysis.missing.proposing import SearchScope
 from kennfeld.analysis.missing.recordings import can_be_numbered
-from kennfeld.analysis.missing.terms import FORMS, OF_CHANNELS, Form, Kind, MissingTerm, describe
+from kennfeld.analysis.missing.terms import FORMS, OF_CHANNELS, Form, Kind, describe
 from kennfeld.app.answer import finite, finite_list
 from kennfeld.app.questions.recordings import channel_ranges, recorded_channels
 from kennfeld.app.session.session import Session
@@ -408,10 +409,10 @@ def term(session: Session, asked: AskedTerm) -> ShownTerm:
         second_points=own.term.second_breakpoints,
         now=_numbers(parameter.values) if parameter is not None else [],
         deviation=finite_list(picture.deviation) if fitted else [],
-        value_unit=_value_unit(problem, own.term),
+        value_unit=value_unit(problem, own.term),
         neutral=1.0 if kind == "multiply" else 0.0,
         fitted=fitted,
-        criterion=problem.criteria[picture.criterion].node if picture.criterion < len(problem.criteria) else "",
+        criterion=picture.criterion,
         unit=picture.unit,
         counts=picture.counts.tolist(),
         files=[ChangedFile(name, _changed_lines(session.text_of(name), text)) for name, text in texts.items()],
@@ -423,12 +424,6 @@ def term(session: Session, asked: AskedTerm) -> ShownTerm:
         x=picture.x,
         error=picture.error,
     )
-
-
-def _value_unit(problem: Problem, term: MissingTerm) -> str:
-    if term.kind == "lag":
-        return "s"
-    return "" if term.kind == "multiply" else problem.model.graph.units.get(term.node, "")
 
 
 def _numbers(values: Float) -> list[float]:
