@@ -20,12 +20,12 @@ from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.search.problem_digest import problem_digest
 from kennfeld.preprocessing.recording_sources import find_addresses, is_remote, recording_files, size_in_store
 from kennfeld.project.missing_terms import calibrated_values
-from kennfeld.project.results import results_folder, write_text
+from kennfeld.project.results import PROPOSALS, results_folder, write_text
 
 if TYPE_CHECKING:
     from kennfeld.project.project import Project
 
-FILE = "proposals.json"
+VALUES = "the values have"
 SUBJECT, SCOPE, TIME = "calibration", "scope", "made"  # its keys, beside those of `kennfeld propose --json`
 
 
@@ -55,7 +55,7 @@ class ProposalSubject:
             return "the function, the project or its data have"
         if self.recordings != now.recordings:
             return "the recordings have"
-        return "" if self.values == now.values else "the values have"
+        return "" if self.values == now.values else VALUES
 
 
 def _values(problem: Problem, parameters: ParameterSet) -> str:
@@ -113,20 +113,36 @@ def write_proposals(project: "Project", found: TermProposals, scope: SearchScope
     Raises:
         InputError: the folder cannot be written.
     """
-    problem = project.problem()
-    values = calibrated_values(project, problem)
+    values = calibrated_values(project, project.problem())
     if values is None:
         return None
-    names = [name for name in problem.free_names if name not in project.surrogates]
-    subject = ProposalSubject.of(project, values)
-    content = proposals_as_json(TermArtist().drawn(found), names) | {
+    return store_proposals(project, TermArtist().drawn(found), scope, values, results_folder(project.path))
+
+
+def store_proposals(
+    project: "Project", drawn: DrawnProposals, scope: SearchScope, values: ParameterSet, folder: Path
+) -> Path:
+    """Write proposals beside the results that they are about.
+
+    Args:
+        project: the project.
+        drawn: the proposals.
+        scope: what took part.
+        values: the calibration for which they were searched.
+        folder: the results folder.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    names = [name for name in project.problem().free_names if name not in project.surrogates]
+    content = proposals_as_json(drawn, names) | {
         TIME: datetime.now().astimezone().isoformat(" ", "seconds"),
         SCOPE: {"channels": list(scope.channels), "nodes": list(scope.nodes), "kinds": list(scope.kinds)}
         | {"least": scope.least},
-        SUBJECT: vars(subject),
+        SUBJECT: vars(ProposalSubject.of(project, values)),
     }
     text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
-    return write_text(f"{text}\n", results_folder(project.path) / FILE)
+    return write_text(f"{text}\n", folder / PROPOSALS)
 
 
 def read_proposals(folder: Path) -> StoredProposals | None:
@@ -135,7 +151,7 @@ def read_proposals(folder: Path) -> StoredProposals | None:
     Raises:
         InputError: the file is damaged.
     """
-    path = folder / FILE
+    path = folder / PROPOSALS
     if not path.is_file():
         return None
     try:

@@ -3,13 +3,11 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import repeat
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from kennfeld.analysis.cell_errors import CellErrors
-from kennfeld.analysis.missing.picture import TermPicture
-from kennfeld.analysis.missing.proposal import TermProposal
 from kennfeld.analysis.residuals import Residuals
 from kennfeld.base.markup import Html, element, round_digits
 from kennfeld.domain.axis import AXIS_LETTERS, Axis
@@ -18,6 +16,10 @@ from kennfeld.optimize.fit.result import TraceLine
 from kennfeld.report.drawings import Drawing, Histogram
 from kennfeld.report.report_data import ParameterChange, ReportData
 from kennfeld.report.strip_details import coded_details
+
+if TYPE_CHECKING:
+    from kennfeld.analysis.missing.picture import TermPicture
+    from kennfeld.analysis.missing.proposal import TermProposal
 
 MOST_PIECES = 500  # beginnings of recordings that a strip marks
 
@@ -169,7 +171,7 @@ def parameter(change: ParameterChange, inputs: Sequence[str]) -> Figure:
     }
 
 
-def term(proposal: TermProposal, picture: TermPicture) -> Figure | None:
+def term(proposal: "TermProposal", picture: "TermPicture") -> Figure | None:
     """Return a fitted term over its channel or channels, and the errors without and with it; None for a delay."""
     own, parameter = proposal.term, proposal.parameter
     if parameter is None:

@@ -1,17 +1,19 @@
 """Report section of terms that the function may lack."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from kennfeld.analysis.missing.hints import Hints
-from kennfeld.analysis.missing.picture import TermPicture
-from kennfeld.analysis.missing.proposal import RmseChange, TermProposal, TermProposals
-from kennfeld.analysis.missing.proposing import SearchScope
-from kennfeld.analysis.missing.terms import FORMS
 from kennfeld.base.formatting import count_noun, join_names
 from kennfeld.base.markup import MISSING, Html, decimal, details, element, note, quantity, table
 from kennfeld.report import figures
 from kennfeld.report.figures import Pictures
 from kennfeld.report.report_data import ReportData, ReportedProposals
+
+if TYPE_CHECKING:
+    from kennfeld.analysis.missing.picture import TermPicture
+    from kennfeld.analysis.missing.proposal import RmseChange, TermProposal, TermProposals
+    from kennfeld.analysis.missing.proposing import SearchScope
 
 Entries = Sequence[tuple[str, str]]  # of the table of contents
 
@@ -79,7 +81,7 @@ def _anchor(number: int) -> str:
     return f"missing-{number}"
 
 
-def _table(found: TermProposals) -> Html:
+def _table(found: "TermProposals") -> Html:
     unit = f" [{found.unit}]" if found.unit else ""
     tested = any(own.test is not None for own in found.proposals)
     head = ["", "term", f"RMSE{unit}", "with it", "held out", "with it", "explains", "better parts"]
@@ -92,11 +94,11 @@ def _table(found: TermProposals) -> Html:
     return table(head, rows, words=2, class_="wide")
 
 
-def _change(rmse: RmseChange | None) -> list[str]:
+def _change(rmse: "RmseChange | None") -> list[str]:
     return [MISSING, MISSING] if rmse is None else [decimal(rmse.before), decimal(rmse.after)]
 
 
-def _figure(own: TermProposal, picture: TermPicture) -> tuple[figures.Figure | None, str, str]:
+def _figure(own: "TermProposal", picture: "TermPicture") -> tuple[figures.Figure | None, str, str]:
     """Return the figure of a proposal, its caption and its label."""
     node, channel = own.term.node, own.term.channel
     if own.term.kind == "lag":
@@ -112,7 +114,7 @@ def _figure(own: TermProposal, picture: TermPicture) -> tuple[figures.Figure | N
     return figures.term(own, picture), caption, own.change
 
 
-def _render_term(number: int, own: TermProposal, picture: Html | None) -> Html:
+def _render_term(number: int, own: "TermProposal", picture: Html | None) -> Html:
     place = f"Node {own.term.node}: {own.location}." if own.location else ""
     parts = [[part.name, str(part.samples), *_change(part.rmse)] for part in own.held_out_parts]
     return element(
@@ -134,8 +136,10 @@ def _origin(proposals: ReportedProposals, project: str) -> str:
     return " ".join([text, *_restrictions(proposals.scope, found.unit)])
 
 
-def _restrictions(scope: SearchScope, unit: str) -> list[str]:
+def _restrictions(scope: "SearchScope", unit: str) -> list[str]:
     """Return a sentence on each restriction of a search."""
+    from kennfeld.analysis.missing.terms import FORMS  # a report without proposals does without the search
+
     texts = [
         f"Only {kind} took part: {join_names(names)}."
         for kind, names in (("channels", scope.channels), ("nodes", scope.nodes))

@@ -18,7 +18,7 @@ from kennfeld.base.markup import Html, element
 from kennfeld.optimize.fit.result import Result
 from kennfeld.project import Project
 from kennfeld.project.manifest import KEY, check_other_files
-from kennfeld.project.proposal_file import ProposalSubject, read_proposals
+from kennfeld.project.results import PROPOSALS
 from kennfeld.project.run_schema import ReportEntry
 from kennfeld.report.figures import Pictures, signals
 from kennfeld.report.report_data import ReportData, ReportedProposals, collect_report_data
@@ -171,6 +171,10 @@ def from_folder(project: Project, folder: str | Path, heading: ReportEntry | Non
 
 def _proposals(project: Project, folder: Path, result: Result, findings: list[Finding]) -> ReportedProposals | None:
     """Return the proposals in a folder; a damaged list is a warning, as the report on the result is correct without."""
+    if not (folder / PROPOSALS).is_file():
+        return None
+    from kennfeld.project.proposal_file import ProposalSubject, read_proposals  # most reports do without the search
+
     try:
         stored = read_proposals(folder)
     except InputError as error:

@@ -2,14 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from kennfeld.analysis.extrapolation import Extrapolation, find_extrapolation
 from kennfeld.analysis.missing.hints import Hints
-from kennfeld.analysis.missing.picture import DrawnProposals
-from kennfeld.analysis.missing.proposing import SearchScope
 from kennfeld.analysis.part_evaluation import PartPasses
 from kennfeld.analysis.residuals import Analysis, Fit, Residuals, analyse
 from kennfeld.analysis.validation_result import CrossValidation
@@ -29,6 +27,10 @@ from kennfeld.project import Project
 from kennfeld.project.run_schema import ReportEntry
 from kennfeld.report.drawings import Drawing, draw
 from kennfeld.report.stored_result import TrustSummary, summarise_trust
+
+if TYPE_CHECKING:
+    from kennfeld.analysis.missing.picture import DrawnProposals
+    from kennfeld.analysis.missing.proposing import SearchScope
 
 
 @dataclass(frozen=True)
@@ -103,8 +105,8 @@ class ReportedProposals:
         change: what has changed since, as the subject of a sentence, so that they are not about the result any more.
     """
 
-    drawn: DrawnProposals
-    scope: SearchScope
+    drawn: "DrawnProposals"
+    scope: "SearchScope"
     made: str = ""
     change: str = ""
 

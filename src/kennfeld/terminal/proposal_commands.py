@@ -65,7 +65,7 @@ def propose(
             raise InputError.of(Location("propose"), str(error)) from None
         except KeyboardInterrupt:
             return INTERRUPTED
-        kept = _kept(project, proposals, scope)
+        kept = _kept(path, project, proposals, scope)
         if number is not None:
             _require_proposal(proposals, number)
         written = () if number is None else project.apply(proposals[number - 1])
@@ -86,12 +86,14 @@ def propose(
     return DONE
 
 
-def _kept(project: "Project", proposals: "TermProposals", scope: "SearchScope") -> Path | None:
+def _kept(path: Path, project: "Project", proposals: "TermProposals", scope: "SearchScope") -> Path | None:
     """Write the list for reports, and return its file; None if it is about no stored calibration, or on an error."""
     from kennfeld.project.proposal_file import write_proposals
+    from kennfeld.project.results import results_folder
 
     try:
-        return write_proposals(project, proposals, scope)
+        written = write_proposals(project, proposals, scope)
+        return None if written is None else results_folder(path) / written.name
     except InputError as error:
         print_findings(*(replace(finding, severity="warning") for finding in error.findings))
         return None

@@ -1,6 +1,7 @@
 """Drawn proposals as JSON and back: what a file of proposals holds beside that of `kennfeld propose --json`."""
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any
@@ -173,6 +174,8 @@ def _read_addition(content: Mapping[str, Any]) -> Addition:
     texts = {name: str(own[name]) for name in ("node", "kind", "channel", "second")}
     term = MissingTerm(**texts, **numbers, seconds=float(own["seconds"]), steps=int(own["steps"]))
     label = content["parameter"]
+    if label is not None and not re.fullmatch(r"\w+", str(label)):
+        raise ValueError(f"{label!r} is not the name of a parameter")
     parameter = None if label is None else term.parameter(str(label))
     if parameter is None:
         return Addition(term, None)

@@ -15,7 +15,15 @@ from kennfeld.analysis.missing.terms import FORMS, OF_CHANNELS, Form, Kind, desc
 from kennfeld.app.answer import finite, finite_list
 from kennfeld.app.questions.recordings import channel_ranges, recorded_channels
 from kennfeld.app.session.session import Session
-from kennfeld.app.session.term_search import TermFindings, apply_term, picture_of, proposal_at, start_search, term_patch
+from kennfeld.app.session.term_search import (
+    TermFindings,
+    adopt_stored,
+    apply_term,
+    picture_of,
+    proposal_at,
+    start_search,
+    term_patch,
+)
 from kennfeld.base.arrays import Float
 from kennfeld.base.file_state import note_opened, while_unchanged
 from kennfeld.base.lazy_dataclass import dataclass
@@ -251,6 +259,7 @@ class AppliedTerm:
 
 def missing(session: Session) -> MissingTerms:
     """Return what takes part in a search, and what the last one has found."""
+    adopt_stored(session)
     view, work = session.require_view(), session.term_search
     problem = view.model.problem
     nodes = Nodes.of(problem).names

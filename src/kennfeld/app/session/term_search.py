@@ -1,6 +1,7 @@
 """The search for missing terms of a session: its work, the pictures of what it finds, and how a term is applied."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,12 +13,15 @@ from kennfeld.app.session.session import Session
 from kennfeld.app.session.side_work import PartialOutcome, Tell, WorkStep
 from kennfeld.app.session.state import Command, SetTables, SetText, Several
 from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.file_state import version_of
 from kennfeld.base.formatting import count_noun
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
 from kennfeld.project import Project
 from kennfeld.project.missing_terms import Patch, patch, propose
+from kennfeld.project.proposal_file import VALUES, ProposalSubject, read_proposals
+from kennfeld.project.results import FOLDER, PROPOSALS
 
 _BOM = "\ufeff"
 
@@ -28,10 +32,12 @@ class TermFindings:
 
     Attributes:
         drawn: the proposals with their pictures and fitted values.
+        scope: what took part.
         stopped: candidates that were fitted, and all that were to be; None if the search has ended.
     """
 
     drawn: DrawnProposals
+    scope: SearchScope
     stopped: tuple[int, int] | None = None
 
     @property
@@ -75,12 +81,12 @@ class TermTask:
         def watch(search: PartialSearch) -> None:
             nonlocal fitted, to_fit
             fitted, to_fit = search.fitted, search.to_fit
-            tell(PartialOutcome(TermFindings(artist.drawn(search.found), stopped=(fitted, to_fit))))
+            tell(PartialOutcome(TermFindings(artist.drawn(search.found), self.scope, (fitted, to_fit))))
 
         project = Project.read(self.path, self.unsaved)
         report("reading the recordings")
         try:
-            return TermFindings(artist.drawn(propose(project, self.scope, report, self.parameters, watch)))
+            return TermFindings(artist.drawn(propose(project, self.scope, report, self.parameters, watch)), self.scope)
         finally:
             project.close()
 
@@ -96,6 +102,41 @@ def start_search(session: Session, scope: SearchScope) -> None:
     session.require_evaluable()
     task = TermTask(session.path, session.unsaved_texts, session.parameters, scope)
     session.term_search.start(task, session.subject)
+
+
+def adopt_stored(session: Session) -> None:
+    """Take the proposals in the results folder for the outcome, as long as there was no search of this session.
+
+    They are about the present values if nothing has changed; about the same function, project and data in any case.
+    """
+    work, project = session.term_search, session.project
+    if work.state != "idle" or project is None or session.view is None:
+        return
+    folder = session.path.parent / FOLDER
+    checked = session.subject, version_of((folder / PROPOSALS,))
+    if session.checked_proposals == checked:
+        return
+    session.checked_proposals = checked
+    work.subject = None
+    with suppress(InputError):  # a damaged list is none
+        stored = read_proposals(folder)
+        if stored is None:
+            return
+        change = stored.subject.change(ProposalSubject.of(project, session.view.now.parameters))
+        # one that was taken over stays, as after a search of this session
+        if change in ("", VALUES):
+            work.outcome = TermFindings(stored.drawn, stored.scope)
+            work.seconds = sum(stored.drawn.found.seconds)
+        if not change:
+            work.subject = session.subject
+
+
+def current_findings(session: Session) -> TermFindings | None:
+    """Return the outcome of a search that has ended, if it is about the present values; else None."""
+    findings: TermFindings | None = session.term_search.outcome
+    if findings is None or findings.stopped is not None or session.term_search.subject != session.subject:
+        return None
+    return findings
 
 
 def proposal_at(session: Session, number: int, place: int | None) -> TermProposal:
