@@ -1,4 +1,4 @@
-"""The list of `kennfeld propose` in the results folder: shown by reports and the app as long as it is about the result."""
+"""The list of `kennfeld propose` in the results folder: shown as long as it is about the result."""
 
 import json
 import shutil
