@@ -59,6 +59,7 @@ def proposal(own):
         better=2,
         parts=3,
         unit="Nm",
+        criteria=(("y", RmseChange(2.0, 1.0)), ("b", RmseChange(3.0, 3.0))) if own.term.steps else (),
         location="f.kf line 3",
         patch="-y = x\n+y = x + 1",
         addition=own,
@@ -100,7 +101,17 @@ def test_proposals_of_every_kind_are_read_back_as_they_were(drawn):
         assert [place.addition.term for place in before.equal_places] == [
             place.addition.term for place in after.equal_places
         ]
-        for name in ("offsets", "held_out_parts", "better", "parts", "location", "patch", "probability", "test"):
+        for name in (
+            "offsets",
+            "held_out_parts",
+            "better",
+            "parts",
+            "criteria",
+            "location",
+            "patch",
+            "probability",
+            "test",
+        ):
             assert getattr(before, name) == getattr(after, name), name
         old, new = before.addition, after.addition
         assert (old.term, old.smoothness, old.pin, old.constraints) == (

@@ -5,17 +5,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from kennfeld.analysis.missing.channels import Channels
 from kennfeld.analysis.missing.independence import Beside
 from kennfeld.analysis.missing.judging import Judge, error_of
 from kennfeld.analysis.missing.map_scoring import map_kinds
 from kennfeld.analysis.missing.map_search import MapSearch
+from kennfeld.analysis.missing.mean_errors import has_squares, mean_squares, unequal_criteria
 from kennfeld.analysis.missing.probes import Nodes
 from kennfeld.analysis.missing.proposal import TermProposal, TermProposals
 from kennfeld.analysis.missing.recordings import numbered
-from kennfeld.analysis.missing.refit import Addition, mean_squares, refit_options
+from kennfeld.analysis.missing.refit import Addition, refit_options
 from kennfeld.analysis.missing.scoring import Scored, score_problem
 from kennfeld.analysis.missing.settled import settled_problem
 from kennfeld.analysis.missing.shortlist import CandidateGroup, alike, shortlist
@@ -171,11 +170,16 @@ class _TermSearch:
             self._remarks.append(text)
         if not result.converged:
             self._remarks.append(f"That fit ended early ({result.status}): {result.message}")
-        return settled_problem(problem, result), result
+        settled = settled_problem(problem, result)
+        if remark := unequal_criteria(settled, result):
+            self._remarks.append(remark)
+        if not has_squares(settled):
+            self._remarks.append("Errors are roots of the mean loss, as in the cost: outliers count for less.")
+        return settled, result
 
     def proposals(self) -> TermProposals:
         problem, result = self._judge.problem, self._judge.result
-        samples = mean_squares(result.quality, "training")[1]
+        samples = mean_squares(problem, result, "training")[1]
         if samples < problem.free_size + FEWEST:
             message = f"{samples} samples are too few for {problem.free_size} values: no term can be judged."
             return TermProposals(
@@ -197,7 +201,7 @@ class _TermSearch:
             self._remarks.append(f"{scored.own_share:.1%} of the cost is still to be had from the values themselves.")
         groups = shortlist(scored.scores)
         seconds = time.perf_counter() - self._began
-        smallest = float(np.sqrt(scored.smallest / scored.weights))
+        smallest = scored.smallest
 
         def known(kept: Sequence[TermProposal], rejected: Sequence[str], status: str, message: str) -> TermProposals:
             return TermProposals(

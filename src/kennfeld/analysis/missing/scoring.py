@@ -49,8 +49,8 @@ class Scored:
         scores: of the candidates.
         own_share: share of the cost that the values themselves would take off.
         cost: of the data and of the roughness.
-        weights: sum of the weights; the cost of the data divided by it is a mean square.
-        smallest: cost of the least effect of a curve that is significant.
+        weights: sum of the weights of the linearised problem; the cost of the data divided by it is a mean square.
+        smallest: RMSE of the least effect of a curve that is significant.
         problem: with the values at which it is linearised.
     """
 
@@ -94,9 +94,10 @@ def score_problem(
     dispersions = [score.dispersion for score in scores] or [linear.variance]
     freedom = linear.blocks - 1.0 if linear.blocks else max(linear.count - linear.rank, 1.0)
     typical = float(np.median(dispersions))
-    smallest = smallest_gain(typical, 5, freedom, LEVEL / max(len(scores), 1)) if typical > 0 else 0.0
+    least = smallest_gain(typical, 5, freedom, LEVEL / max(len(scores), 1)) if typical > 0 else 0.0
+    smallest = float(np.sqrt(least)) * linear.sums.mean_effect if least > 0 else 0.0
     share = linear.own_gain / linear.cost if linear.cost > 0 else 0.0
-    return Scored(tuple(scores), share, linear.cost, compiled.weights, smallest)
+    return Scored(tuple(scores), share, linear.cost, linear.sums.weights or 1.0, smallest)
 
 
 @dataclass(frozen=True)

@@ -131,6 +131,7 @@ def _proposal(row: Mapping[str, Any], details: Mapping[str, Any], fitted: Parame
         location=str(row["location"]),
         patch=str(row["patch"]),
         addition=addition,
+        criteria=tuple((str(each["node"]), _change(each["rmse"])) for each in row["criteria"]),
         offsets={str(name): _number(value) for name, value in details["offsets"].items()},
         held_out_parts=tuple(
             HeldOutErrors(str(name), int(samples), RmseChange(_number(before), _number(after)))
