@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from kennfeld import Project, cli
+from kennfeld.calfiles import write
+from kennfeld.project.missing_terms import calibrated_values
 from kennfeld.project.proposal_file import ProposalSubject, read_proposals
 from kennfeld.report import from_folder
 from tests.app.questions import WaitingSession
@@ -102,3 +104,19 @@ def test_the_app_takes_a_list_over_and_applies_it_at_the_values_that_it_is_about
     assert opened.ask("missing")["found"]["old"]
     opened.session.undo()
     assert not opened.ask("missing")["found"]["old"]
+
+
+def test_a_search_begins_at_fitted_breakpoints(tmp_path):
+    path = write_bench(tmp_path, planted="", samples=60)
+    text = path.read_text(encoding="utf-8").replace(
+        "[parameters.CurveDrag]\nx = {", "[parameters.CurveDrag]\nx = { free = true,"
+    )
+    path.write_text(text.replace("lock = true", "smoothness = 0.01"), encoding="utf-8")
+    results = tmp_path / "results"
+    results.mkdir()
+    problem = Project.read(path).problem()
+    curve = problem.parameters["CurveDrag"]
+    moved = curve.changed(axes=(curve.axes[0].changed(breakpoints=np.array([0.0, 0.3, 1.0])),))
+    write(problem.parameters.with_parameters(moved), results / "parameters.json")
+    own = calibrated_values(Project.read(path), problem)["CurveDrag"].axes[0]
+    assert (own.breakpoints.tolist(), own.free) == ([0.0, 0.3, 1.0], True)

@@ -70,3 +70,17 @@ def test_a_channel_with_the_name_of_the_time_takes_no_part():
     data = bench(60)
     proposals = kf.propose("y = C(x)", data | {"dt": data["z"]}, [curve("C")], target="m", kinds=["add"])
     assert proposals.excluded["dt"] == "formulas use its name for the time"
+
+
+@pytest.mark.parametrize(
+    ("kinds", "remark"),
+    [
+        (["lag", "delay"], "No lag or delay was tried: the training data have no time."),
+        (["offset"], "No offset was tried"),
+    ],
+)
+def test_kinds_that_the_data_do_not_allow_are_not_reported_as_nothing_missing(kinds, remark):
+    found = kf.propose("y = C(x)", bench(60), [curve("C")], target="m", kinds=kinds)
+    assert (found.status, found.candidates, found.smallest_effect) == ("failed", 0, 0.0)
+    assert found.remarks[-1].startswith(remark)
+    assert found.message.startswith("No such term could be tried")

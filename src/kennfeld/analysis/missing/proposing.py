@@ -13,9 +13,10 @@ from kennfeld.analysis.missing.map_search import MapSearch
 from kennfeld.analysis.missing.mean_errors import has_squares, mean_squares, unequal_criteria
 from kennfeld.analysis.missing.probes import Nodes
 from kennfeld.analysis.missing.proposal import TermProposal, TermProposals
-from kennfeld.analysis.missing.recordings import numbered
+from kennfeld.analysis.missing.recordings import FEWEST as FEWEST_RECORDINGS
+from kennfeld.analysis.missing.recordings import MOST, can_be_numbered, numbered
 from kennfeld.analysis.missing.refit import Addition, refit_options
-from kennfeld.analysis.missing.scoring import Scored, score_problem
+from kennfeld.analysis.missing.scoring import Scored, is_timed, score_problem
 from kennfeld.analysis.missing.settled import settled_problem
 from kennfeld.analysis.missing.shortlist import CandidateGroup, alike, shortlist
 from kennfeld.analysis.missing.terms import FORMS, Form, describe
@@ -33,6 +34,7 @@ from kennfeld.optimize.search.multistart import run
 
 UNFINISHED = 1e-3  # share of the cost that the values themselves would take off, from which a fit has not ended
 FEWEST = 20  # samples more than there are values
+UNTRIED = "No such term could be tried, or the function can produce all of them itself: nothing is known."
 
 Report = Callable[[str], None]
 
@@ -228,16 +230,24 @@ class _TermSearch:
         tell([], [])
         kept, rejected = self._judged(groups, scored, tell) if groups else ([], [])
         kept.sort(key=error_of)
-        kinds = map_kinds(self._scope.kinds)
+        kinds, tried = map_kinds(self._scope.kinds), 0
         beside = Beside(self._judge, channels, nodes, self._report)
         kept, extended = beside.independent(kept, rejected, len(scored.scores), follows=bool(kinds))
         if kinds:
             search = MapSearch(self._judge, channels, nodes, self._report)
-            maps = search.proposals(kinds, kept, extended, scored, rejected)
+            maps, tried = search.proposals(kinds, kept, extended, scored, rejected)
             if maps:
                 kept, _ = beside.independent(sorted([*kept, *maps], key=error_of), rejected, len(scored.scores))
         self._remarks += _gap_remarks(kept, channels)
-        return known(kept, rejected, "found" if kept else "none", self._message(kept, smallest))
+        if not len(scored.scores) + tried:
+            self._remarks += impossible_kinds(problem, self._scope.kinds)
+            return replace(known([], [], "failed", UNTRIED), smallest_effect=0.0)
+        if set(self._scope.kinds) != set(FORMS):
+            self._remarks += impossible_kinds(problem, self._scope.kinds)
+        status = "found" if kept else "none"
+        return replace(
+            known(kept, rejected, status, self._message(kept, smallest)), candidates=len(scored.scores) + tried
+        )
 
     def _message(self, kept: Sequence[TermProposal], smallest: float) -> str:
         unit = f" {self._unit}" if self._unit else ""
@@ -268,6 +278,17 @@ class _TermSearch:
                 kept.append(judge.proposal(group, addition, change, len(scored.scores), scored.weights))
             tell(kept, rejected)
         return kept, rejected
+
+
+def impossible_kinds(problem: Problem, kinds: Sequence[Form]) -> list[str]:
+    """Return a sentence on each of these kinds of terms that the data do not allow."""
+    remarks = []
+    if not is_timed(problem) and (series := [kind for kind in ("lag", "delay") if kind in kinds]):
+        remarks.append(f"No {' or '.join(series)} was tried: the training data have no time.")
+    if "offset" in kinds and not can_be_numbered(problem):
+        needed = f"{FEWEST_RECORDINGS} to {MOST} training recordings that are not in partitions"
+        remarks.append(f"No offset was tried: that needs {needed}.")
+    return remarks
 
 
 def _gap_remarks(proposals: Sequence[TermProposal], channels: Channels) -> list[str]:

@@ -191,10 +191,15 @@ def _between(first: int, last: int) -> list[int]:
     return sorted({round(x) for x in np.linspace(first, last, count + 2)[1:-1].tolist()} - {first, last})
 
 
+def is_timed(problem: Problem) -> bool:
+    """Return True if all training data have time, so that lags and delays can be tried."""
+    return all(data.time is not None and data.settling is None for data in problem.fitted_datasets)
+
+
 def trial_series(problem: Problem, nodes: Sequence[str], kinds: Sequence[Form], lags: int = LAGS) -> list[Series]:
     """Return the lags and delays that are tried, if all training data have time."""
     datasets = problem.fitted_datasets
-    if any(data.time is None or data.settling is not None for data in datasets):
+    if not is_timed(problem):
         return []
     steps = [float(np.median(np.diff(data.time))) for data in datasets if data.time is not None and data.samples > 1]
     pieces = [piece.stop - piece.start for data in datasets for piece in data.pieces]

@@ -11,6 +11,7 @@ from kennfeld.analysis.missing.probes import Nodes
 from kennfeld.analysis.missing.proposal import RmseChange, TermProposal
 from kennfeld.analysis.missing.proposing import SearchScope
 from kennfeld.analysis.missing.recordings import can_be_numbered
+from kennfeld.analysis.missing.scoring import is_timed
 from kennfeld.analysis.missing.terms import FORMS, OF_CHANNELS, Form, Kind, describe
 from kennfeld.app.answer import finite, finite_list
 from kennfeld.app.questions.recordings import channel_ranges, recorded_channels
@@ -263,7 +264,7 @@ def missing(session: Session) -> MissingTerms:
     view, work = session.require_view(), session.term_search
     problem = view.model.problem
     nodes = Nodes.of(problem).names
-    timed = all(data.time is not None and data.settling is None for data in problem.fitted_datasets)
+    timed = is_timed(problem)
     kinds = [TermKind(kind, len(nodes) if _is_possible(kind, problem, timed=timed) else 0) for kind in FORMS]
     findings: TermFindings | None = work.outcome
     return MissingTerms(
