@@ -8,6 +8,5 @@ True
 """
 
 from kennfeld.report.page import document, document_safely, from_folder
-from kennfeld.report.report_data import ReportedProposals
 
-__all__ = ["ReportedProposals", "document", "document_safely", "from_folder"]
+__all__ = ["document", "document_safely", "from_folder"]

@@ -275,7 +275,8 @@ def _write_stored_report(project: Project, folder: Path) -> Path:
 
 
 def _write_report(session: Session, project: Project, result: Result | None, folder: Path) -> Path:
-    from kennfeld.report import ReportedProposals, document
+    from kennfeld.report import document
+    from kennfeld.report.report_data import ReportedProposals
 
     terms = current_findings(session)
     proposals = None if terms is None else ReportedProposals(terms.drawn, terms.scope)
