@@ -47,7 +47,7 @@ def test_a_report_shows_the_proposals_with_their_pictures(folder):
     # what the errors share over the channel is gone with the term
     means = [np.sqrt(np.nanmean(np.array(figure[name], dtype=float) ** 2)) for name in ("before", "after")]
     assert means[1] < 0.3 * means[0]
-    assert "Only channels took part: oil. Only nodes took part: drag. Only kinds of terms: add." in words
+    assert "Restricted to channels oil; nodes drag; kinds add." in words
     assert "for the calibration of this report" in words
     assert "would take" not in words  # the estimate of the calibration is replaced
     content = json.loads((folder / "results" / "proposals.json").read_text(encoding="utf-8"))

@@ -137,16 +137,17 @@ def _origin(proposals: ReportedProposals, project: str) -> str:
 
 
 def _restrictions(scope: "SearchScope", unit: str) -> list[str]:
-    """Return a sentence on each restriction of a search."""
+    """Return sentences on the restrictions of a search."""
     from kennfeld.analysis.missing.terms import FORMS  # a report without proposals does without the search
 
-    texts = [
-        f"Only {kind} took part: {join_names(names)}."
+    limited = [
+        f"{kind} {join_names(list(names))}"
         for kind, names in (("channels", scope.channels), ("nodes", scope.nodes))
         if tuple(names) != ("*",)
     ]
     if set(scope.kinds) != set(FORMS):
-        texts.append(f"Only kinds of terms: {join_names(list(scope.kinds))}.")
+        limited.append(f"kinds {join_names(list(scope.kinds))}")
+    texts = [f"Restricted to {'; '.join(limited)}."] if limited else []
     if scope.least:
         texts.append(f"Terms that explain less than {quantity(scope.least, unit)} were left out.")
     return texts

@@ -33,6 +33,7 @@ from kennfeld.optimize.search.isolated_call import isolated
 from kennfeld.optimize.search.multistart import run
 
 UNFINISHED = 1e-3  # share of the cost that the values themselves would take off, from which a fit has not ended
+DERIVED = 0.1  # share of the RMSE that remains, below which a channel may be derived from the target
 FEWEST = 20  # samples more than there are values
 UNTRIED = "No such term could be tried, or the function can produce all of them itself: nothing is known."
 
@@ -238,7 +239,7 @@ class _TermSearch:
             maps, tried = search.proposals(kinds, kept, extended, scored, rejected)
             if maps:
                 kept, _ = beside.independent(sorted([*kept, *maps], key=error_of), rejected, len(scored.scores))
-        self._remarks += _gap_remarks(kept, channels)
+        self._remarks += [*_gap_remarks(kept, channels), *_doubts(problem, kept)]
         if not len(scored.scores) + tried:
             self._remarks += impossible_kinds(problem, self._scope.kinds)
             return replace(known([], [], "failed", UNTRIED), smallest_effect=0.0)
@@ -278,6 +279,24 @@ class _TermSearch:
                 kept.append(judge.proposal(group, addition, change, len(scored.scores), scored.weights))
             tell(kept, rejected)
         return kept, rejected
+
+
+def _doubts(problem: Problem, proposals: Sequence[TermProposal]) -> list[str]:
+    """Return a sentence on each new channel that explains too much: a curve may undo how it was computed.
+
+    The correlation, by which channels are excluded, tells only those that are a straight line of the target.
+    """
+    known = {*problem.model.graph.inputs}
+    names = {
+        name: 1 - (each.held_out.after / each.held_out.before) ** 2
+        for each in proposals
+        for name in each.term.channels
+        if name not in known and each.held_out.after < DERIVED * each.held_out.before
+    }
+    return [
+        f"{name} explains {share:.2%} of the squared errors: make sure that it is not derived from the target."
+        for name, share in names.items()
+    ]
 
 
 def impossible_kinds(problem: Problem, kinds: Sequence[Form]) -> list[str]:
