@@ -96,11 +96,11 @@ def test_the_app_takes_a_list_over_and_applies_it_at_the_values_that_it_is_about
     text = path.read_text(encoding="utf-8")
     path.write_text('calibration.initial = "results/parameters.json"\n' + text.replace("initial = 1.0\n", ""), "utf-8")
     opened = WaitingSession(path)
-    found = opened.ask("missing")["found"]
-    assert (found["old"], len(found["proposals"])) == (False, 1)
+    shown = opened.ask("missing")["found"]
+    assert (shown["old"], len(shown["proposals"])) == (False, 1)
     opened.ask("apply-term", number=0)
     after = opened.session.require_view().now.scores[0].rmse
-    assert after == pytest.approx(found["proposals"][0]["training"]["after"], rel=1e-5)
+    assert after == pytest.approx(shown["proposals"][0]["training"]["after"], rel=1e-5)
     assert opened.ask("missing")["found"]["old"]
     opened.session.undo()
     assert not opened.ask("missing")["found"]["old"]

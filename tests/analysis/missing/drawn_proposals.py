@@ -66,7 +66,7 @@ def proposal(own):
 def every_kind():
     """Return a proposal of each kind, with pictures and fits that nobody has computed."""
     proposals = tuple(map(proposal, ADDITIONS))
-    found = TermProposals(
+    outcome = TermProposals(
         proposals=proposals,
         smallest_effect=0.3,
         status="found",
@@ -84,4 +84,4 @@ def every_kind():
     shared = Axis([0.0, 1.0], "x", name="AxisX")
     base = [Curve("Base", shared, np.array([1 / 3, 2.0])), Curve("Other", shared, np.array([0.0, 1.0]))]
     values = tuple(ParameterSet([*base, *([] if each.parameter is None else [each.parameter])]) for each in proposals)
-    return DrawnProposals(found, (picture,) * len(proposals), values)
+    return DrawnProposals(outcome, (picture,) * len(proposals), values)

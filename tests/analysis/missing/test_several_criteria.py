@@ -80,16 +80,16 @@ def test_a_channel_with_the_name_of_the_time_takes_no_part():
     ],
 )
 def test_kinds_that_the_data_do_not_allow_are_not_reported_as_nothing_missing(kinds, remark):
-    found = kf.propose("y = C(x)", bench(60), [curve("C")], target="m", kinds=kinds)
-    assert (found.status, found.candidates, found.smallest_effect) == ("failed", 0, 0.0)
-    assert found.remarks[-1].startswith(remark)
-    assert found.message.startswith("No such term could be tried")
+    proposals = kf.propose("y = C(x)", bench(60), [curve("C")], target="m", kinds=kinds)
+    assert (proposals.status, proposals.candidates, proposals.smallest_effect) == ("failed", 0, 0.0)
+    assert proposals.remarks[-1].startswith(remark)
+    assert proposals.message.startswith("No such term could be tried")
 
 
 def test_a_channel_that_explains_almost_everything_raises_a_doubt():
     data = bench(120)
     data["power"] = np.exp(data["m"])
-    found = kf.propose("y = C(x)", data, [curve("C")], target="m", kinds=["add"], channels=["power"])
-    assert [each.term.channel for each in found] == ["power"]
-    assert found.remarks[-1].endswith("of the squared errors: make sure that it is not derived from the target.")
+    proposals = kf.propose("y = C(x)", data, [curve("C")], target="m", kinds=["add"], channels=["power"])
+    assert [each.term.channel for each in proposals] == ["power"]
+    assert proposals.remarks[-1].endswith("of the squared errors: make sure that it is not derived from the target.")
     assert not [text for text in proposed(data, "y = C(x)", [kf.Criterion("y", "m")]).remarks if "derived" in text]

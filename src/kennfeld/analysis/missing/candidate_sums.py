@@ -78,7 +78,7 @@ class BlockSums:
 
     @property
     def spread(self) -> float:
-        """What independent residuals add up to in the variance of a gain: r'Wr for squares.
+        """The sum of the squares of independent residuals as they act on a gain: r'Wr for squares.
 
         Of a robust loss, outliers add what their influence psi is, not what they cost.
         """

@@ -16,7 +16,7 @@ HIDDEN = 5.0  # times the errors of another criterion, from which those of one h
 
 
 @dataclass(frozen=True)
-class _Errors:
+class _CriterionErrors:
     """The errors of a criterion on the data of one use: their number and the mean of their squares, or losses."""
 
     number: int
@@ -85,7 +85,7 @@ def has_squares(problem: Problem) -> bool:
     )
 
 
-def _of_quality(result: Result, criteria: tuple[Criterion, ...], use: str) -> list[_Errors]:
+def _of_quality(result: Result, criteria: tuple[Criterion, ...], use: str) -> list[_CriterionErrors]:
     # the criteria of a node have a row each in every dataset, in their order
     numbers: dict[str, list[int]] = {}
     for number, criterion in enumerate(criteria):
@@ -95,16 +95,16 @@ def _of_quality(result: Result, criteria: tuple[Criterion, ...], use: str) -> li
     for row in result.quality:
         key = row.criterion, row.dataset
         if row.use == use:
-            rows.append(_Errors(numbers[row.criterion][seen[key]], row.samples, row.rmse_after**2))
+            rows.append(_CriterionErrors(numbers[row.criterion][seen[key]], row.samples, row.rmse_after**2))
         seen[key] += 1
     return rows
 
 
-def _of_losses(problem: Problem, parameters: ParameterSet, use: str) -> list[_Errors]:
+def _of_losses(problem: Problem, parameters: ParameterSet, use: str) -> list[_CriterionErrors]:
     return [row for part in problem.each(_losses, parameters, use, test=True) for row in part]
 
 
-def _losses(problem: Problem, parameters: ParameterSet, use: str) -> list[_Errors]:
+def _losses(problem: Problem, parameters: ParameterSet, use: str) -> list[_CriterionErrors]:
     """Return the losses of each criterion on the datasets of a use, in the squared unit of the node."""
     scorer, rows = Scorer(problem), []
     for data in problem.datasets:
@@ -115,5 +115,5 @@ def _losses(problem: Problem, parameters: ParameterSet, use: str) -> list[_Error
             scaled = errors[np.isfinite(errors)] / criterion.scale
             loss = LOSS_RULES[criterion.loss].value(scaled, criterion.delta)
             mean = float(loss.mean()) * criterion.scale**2 if loss.size else 0.0
-            rows.append(_Errors(number, loss.size, mean))
+            rows.append(_CriterionErrors(number, loss.size, mean))
     return rows

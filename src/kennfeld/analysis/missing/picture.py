@@ -71,7 +71,7 @@ class TermArtist:
 
     def __init__(self) -> None:
         self._pictures: dict[str, TermPicture] = {}
-        self._base: tuple[Problem, _Errors] | None = None
+        self._base: tuple[Problem, _TrainingErrors] | None = None
 
     def drawn(self, outcome: TermProposals) -> DrawnProposals:
         """Return proposals with their pictures; those that were drawn before are not computed again."""
@@ -87,11 +87,11 @@ class TermArtist:
 
     def _draw(self, problem: Problem, proposal: TermProposal) -> TermPicture:
         if self._base is None or self._base[0] is not problem:
-            self._base = problem, _Errors(problem)
+            self._base = problem, _TrainingErrors(problem)
         return draw_term(problem, proposal, self._base[1])
 
 
-class _Errors:
+class _TrainingErrors:
     """The errors of all criteria on the training data, at the values of a problem, with their units by criterion.
 
     They are those of all samples of the datasets: a function with a term over a channel with gaps has fewer.
@@ -120,7 +120,7 @@ def _at_samples(series: CriterionSeries) -> Float:
     return errors
 
 
-def draw_term(problem: Problem, proposal: TermProposal, without: _Errors | None = None) -> TermPicture:
+def draw_term(problem: Problem, proposal: TermProposal, without: _TrainingErrors | None = None) -> TermPicture:
     """Return the picture of a fitted proposal.
 
     Args:
@@ -131,8 +131,8 @@ def draw_term(problem: Problem, proposal: TermProposal, without: _Errors | None 
     addition, fit = proposal.addition, proposal.fit
     assert addition is not None
     assert fit is not None
-    without = without or _Errors(problem)
-    extended = _Errors(replace(addition.to(problem, fit.parameters), parameters=fit.parameters))
+    without = without or _TrainingErrors(problem)
+    extended = _TrainingErrors(replace(addition.to(problem, fit.parameters), parameters=fit.parameters))
     criterion = _most_changed(without, extended)
     name, units = proposal.term.channel, _units(problem)
     x, old, new = np.zeros(0), np.zeros(0), np.zeros(0)
@@ -166,7 +166,7 @@ def value_unit(problem: Problem, term: MissingTerm) -> str:
     return "" if term.kind == "multiply" else problem.model.graph.units.get(term.node, "")
 
 
-def _most_changed(before: _Errors, after: _Errors) -> int:
+def _most_changed(before: _TrainingErrors, after: _TrainingErrors) -> int:
     """Return the number of the criterion whose errors differ most, in relation to their size."""
     shares = []
     for criterion in range(len(before.units)):

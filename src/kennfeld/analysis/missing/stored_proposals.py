@@ -154,10 +154,10 @@ def _array(values: Any) -> Float:
 
 
 def _picture(content: Mapping[str, Any]) -> TermPicture:
-    arrays = {name: _array(content[name]) for name in _ARRAYS}
+    arrays: dict[str, Any] = {name: _array(content[name]) for name in _ARRAYS}
     deviation = np.where(np.isnan(arrays["deviation"]), np.inf, arrays["deviation"])
     counts = arrays["counts"].astype(np.int64)
-    texts = {name: str(content[name]) for name in _TEXTS}
+    texts: dict[str, Any] = {name: str(content[name]) for name in _TEXTS}
     return TermPicture(**texts, **{**arrays, "deviation": deviation, "counts": counts})
 
 
@@ -171,8 +171,8 @@ def _read_addition(content: Mapping[str, Any]) -> Addition:
     own = content["term"]
     if own["kind"] not in KINDS:
         raise ValueError(f"unknown kind of terms {own['kind']!r}")
-    numbers = {name: tuple(map(float, own[name])) for name in ("breakpoints", "second_breakpoints")}
-    texts = {name: str(own[name]) for name in ("node", "kind", "channel", "second")}
+    numbers: dict[str, Any] = {name: tuple(map(float, own[name])) for name in ("breakpoints", "second_breakpoints")}
+    texts: dict[str, Any] = {name: str(own[name]) for name in ("node", "kind", "channel", "second")}
     term = MissingTerm(**texts, **numbers, seconds=float(own["seconds"]), steps=int(own["steps"]))
     label = content["parameter"]
     if label is not None and not re.fullmatch(r"\w+", str(label)):
