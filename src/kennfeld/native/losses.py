@@ -100,8 +100,8 @@ def _excess_influence(r: Float, delta: float) -> Influence:
 
 
 def _excess_value(r: Float, delta: float) -> Float:
-    above: Float = np.maximum(r, 0.0)
-    return above**2
+    squares: Float = np.maximum(r, 0.0) ** 2
+    return squares
 
 
 LOSS_RULES: Mapping[Loss, LossRule] = FrozenDict(
