@@ -84,7 +84,8 @@ def _soft_l1_influence(r: Float, delta: float) -> Influence:
 
 
 def _soft_l1_value(r: Float, delta: float) -> Float:
-    return 2 * r**2 / (np.sqrt(1 + (r / delta) ** 2) + 1)
+    loss: Float = 2 * r**2 / (np.sqrt(1 + (r / delta) ** 2) + 1)
+    return loss
 
 
 def _excess_code(f: FunctionWriter, r: str, delta: float) -> Code:
@@ -100,8 +101,8 @@ def _excess_influence(r: Float, delta: float) -> Influence:
 
 
 def _excess_value(r: Float, delta: float) -> Float:
-    squares: Float = np.maximum(r, 0.0) ** 2
-    return squares
+    square: Float = np.maximum(r, 0.0) ** 2
+    return square
 
 
 LOSS_RULES: Mapping[Loss, LossRule] = FrozenDict(
