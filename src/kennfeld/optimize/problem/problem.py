@@ -196,11 +196,12 @@ class Problem:
     @cached_property
     def skeleton(self) -> "Problem":
         """The problem without samples, as it is sent to workers; targets are channels or nodes."""
-        criteria = tuple(replace(c, target=self._resolved(c)) for c in self.criteria)
+        criteria = tuple(replace(c, target=self.resolved_target(c)) for c in self.criteria)
         datasets = tuple(without_values(data) for data in self.datasets)
         return replace(self, criteria=criteria, datasets=datasets, partitions=None)
 
-    def _resolved(self, criterion: Criterion) -> Target:
+    def resolved_target(self, criterion: Criterion) -> Target:
+        """Return the target of a criterion, of which a bare name is a channel or a node by these data."""
         target = criterion.target
         if target.kind != "name":
             return target
@@ -272,6 +273,12 @@ class Problem:
         # a bare name is a channel if any dataset has it
         is_channel = target.kind == "channel" or any(target.name in data for data in self.datasets)
         return target.name if target.kind == "node" or (target.kind == "name" and not is_channel) else None
+
+    def error_unit(self, criterion: Criterion) -> str:
+        """Return the unit of the errors of a criterion: of what is measured, which the function may not state."""
+        target = criterion.target.name
+        recorded = next((data[target].unit for data in self.datasets if target in data), "")
+        return recorded or self.model.graph.units.get(criterion.node, "")
 
     def target(self, criterion: Criterion, bound: BoundDataset) -> Float:
         """Return the target of the difference node, Float[kept samples]; NaN at samples that are not scored."""
