@@ -1,7 +1,6 @@
 import { createHash } from "node:crypto";
-import { readdirSync, readFileSync, statSync, writeFileSync } from "node:fs";
+import { readdirSync, readFileSync, statSync } from "node:fs";
 import { join, relative, sep } from "node:path";
-import { gzipSync } from "node:zlib";
 import preact from "@preact/preset-vite";
 import { build, defineConfig, type InlineConfig, type Plugin } from "vite";
 
@@ -28,15 +27,6 @@ function digest(sources: string[]): Plugin {
     },
   };
 }
-
-/** Write scripts and styles compressed beside them, for pages that are opened through a slow connection. */
-const compressed = (): Plugin => ({
-  name: "compressed",
-  writeBundle({ dir }) {
-    for (const path of filesIn(dir!).filter((each) => /\.(js|css)$/.test(each)))
-      writeFileSync(`${path}.gz`, gzipSync(readFileSync(path), { level: 9 }));
-  },
-});
 
 // One script and one stylesheet, which the Python side writes into the HTML file of a report.
 const report: InlineConfig = {
@@ -66,7 +56,7 @@ const buildReport = (): Plugin => ({
 // The bundles are committed: names without hashes, and no source maps.
 export default defineConfig({
   base: "/static/",
-  plugins: [preact(), digest(APP), compressed(), buildReport()],
+  plugins: [preact(), digest(APP), buildReport()],
   build: {
     outDir: "../src/kennfeld/app/static",
     emptyOutDir: true,

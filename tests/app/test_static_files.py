@@ -16,7 +16,6 @@ def files(tmp_path: Path) -> StaticFiles:
     (tmp_path / "static").mkdir()
     (tmp_path / "secret").write_text("secret")
     (tmp_path / "static/app.js").write_bytes(SCRIPT)
-    (tmp_path / "static/app.js.gz").write_bytes(gzip.compress(SCRIPT))
     (tmp_path / "static/icon.svg").write_text("<svg/>")
     return StaticFiles(tmp_path / "static")
 

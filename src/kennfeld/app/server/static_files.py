@@ -4,6 +4,7 @@ They are few and small. Threads that read them, as for downloads, would wait for
 while the page is opened.
 """
 
+import gzip
 import mimetypes
 from collections.abc import Mapping
 from hashlib import blake2b
@@ -15,7 +16,8 @@ from starlette.types import Receive, Scope, Send
 
 from kennfeld.base.lazy_dataclass import dataclass
 
-COMPRESSED = ".gz"
+LEVEL = 6  # higher ones save less than 1 %
+COMPRESSED = (".js", ".css", ".svg", ".html")
 # not those of the system, which may know scripts by names that browsers do not run
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml", ".html": "text/html"}
 
@@ -30,10 +32,7 @@ class _SentFile:
 
 
 class StaticFiles:
-    """Serves the files of a folder, which do not change.
-
-    A file beside another one with the same name and `.gz` is its compressed content.
-    """
+    """Serves the files of a folder, which do not change."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -48,10 +47,10 @@ class StaticFiles:
             return Response("Method Not Allowed", 405)
         # a name of the folder, so that no path leads out of it
         name = scope["path"].rpartition("/static/")[2]
-        if name not in self._names or name.endswith(COMPRESSED):
+        if name not in self._names:
             return Response("Not Found", 404)
         headers = Headers(scope=scope)
-        compressed = f"{name}{COMPRESSED}" in self._names and "gzip" in headers.get("accept-encoding", "")
+        compressed = name.endswith(COMPRESSED) and "gzip" in headers.get("accept-encoding", "")
         file = self._file(name, compressed=compressed)
         if file.tag in headers.get("if-none-match", ""):
             return Response(status_code=304, headers=file.headers)
@@ -60,7 +59,9 @@ class StaticFiles:
     def _file(self, name: str, *, compressed: bool) -> _SentFile:
         key = name, compressed
         if key not in self._read:
-            content = (self._folder / (name + COMPRESSED * compressed)).read_bytes()
+            content = (self._folder / name).read_bytes()
+            if compressed:
+                content = gzip.compress(content, LEVEL, mtime=0)
             self._read[key] = _SentFile(content, _headers(name, content, compressed=compressed), _tag(content))
         return self._read[key]
 
