@@ -1,7 +1,7 @@
 """The parser of the C action language of charts; it produces the syntax tree of `kennfeld.program.tree`.
 
 Array indices count from 0 in C and from 1 in the tree. `&`, `|`, `^` and `~` mean and, or, power and not, unless the
-chart enables bitwise operations, which are not supported.
+chart enables C-bit operations; then they, like shifts and `&=` in any chart, become calls of the functions of bits.
 """
 
 import re
@@ -22,13 +22,13 @@ _WORD = re.compile(
     |(?P<bad>.)""",
     re.VERBOSE,
 )
-_LEVELS = operator_levels(
-    ("||",), ("&&",), ("|",), ("&",), ("==", "!=", "~=", "<>"), ("<", "<=", ">", ">="), ("+", "-"), ("*", "/", "%%")
-)  # fmt: skip
-_BINARY = frozenset({*_LEVELS, "^", "=", "+=", "-=", "*=", "/="})
+_COMPARED = (("==", "!=", "~=", "<>"), ("<", "<=", ">", ">="), ("<<", ">>"), ("+", "-"), ("*", "/", "%%"))
+_LEVELS = operator_levels(("||",), ("&&",), ("|",), ("&",), *_COMPARED)
+_BIT_LEVELS = operator_levels(("||",), ("&&",), ("|",), ("^",), ("&",), *_COMPARED)
+_CHANGES = {"+=": "+", "-=": "-", "*=": "*", "/=": "/", "&=": "&", "|=": "|", "^=": "^"}
+_BINARY = frozenset({*_LEVELS, *_CHANGES, "^", "="})
 _WRITTEN = {"|": "||", "&": "&&", "!=": "~=", "<>": "~="}
-_BITS = frozenset({"&", "|", "^", "~", "<<", ">>", "&=", "|=", "^="})
-_CHANGES = {"+=": "+", "-=": "-", "*=": "*", "/=": "/"}
+_BIT_FUNCTIONS = {"&": "bitand", "|": "bitor", "^": "bitxor", "<<": "bitshift", ">>": "bitsra"}
 _FUNCTIONS = {"labs": "abs", "ldexp": "", "ml": "", "rand": "", "mod": "rem"}
 
 
@@ -68,12 +68,12 @@ def _join_lines(tokens: Iterable[ScannedToken]) -> list[ScannedToken]:
 
 
 class _ActionParser(OperatorParser[ScannedToken, m.Expression]):
-    levels = _LEVELS
     max_depth = _MAX_DEPTH
 
     def __init__(self, text: str, bits: bool) -> None:
         super().__init__([*_join_lines(scan_tokens(_WORD, text)), ScannedToken("end", "the end")])
         self.bits, self.text = bits, text
+        self.levels = _BIT_LEVELS if bits else _LEVELS
 
     def fault(self, message: str) -> ActionSyntaxError:
         return ActionSyntaxError(f"{message} in {self.text.strip()[:60]}")
@@ -118,7 +118,6 @@ class _ActionParser(OperatorParser[ScannedToken, m.Expression]):
             return self._update(first, self.take().text[0], m.Number(1.0))
         if self.is_at(*_CHANGES):
             return self._update(first, _CHANGES[self.take().text], self.expression())
-        self._reject_bitwise()
         return m.Evaluate(first)
 
     def _value(self) -> m.Expression:
@@ -130,6 +129,8 @@ class _ActionParser(OperatorParser[ScannedToken, m.Expression]):
         return value
 
     def _update(self, target: m.Expression, operator: str, by: m.Expression) -> m.Assign:
+        if operator in _BIT_FUNCTIONS:
+            return m.Assign((self._target(target),), _bits(operator, target, by))
         return m.Assign((self._target(target),), m.Binary(operator, target, by))
 
     def _target(self, target: m.Expression) -> m.Expression:
@@ -158,31 +159,25 @@ class _ActionParser(OperatorParser[ScannedToken, m.Expression]):
     def expression(self) -> m.Expression:
         return self.nested(self.operations)
 
-    def _reject_bitwise(self) -> None:
-        if self.is_at(*_BITS) and (self.bits or self.token.text in ("<<", ">>", "&=", "|=", "^=")):
-            raise ActionSyntaxError(f"bitwise operator {self.token.text} is not supported")
-
-    def level(self) -> int:
-        self._reject_bitwise()
-        return super().level()
-
     def joined(self, left: m.Expression, level: int) -> m.Expression:
         operator = self.take().text
         self.pass_lines()
         right = self.operations(level + 1)
         if operator == "%%":
             return m.Call(m.Name("rem"), (left, right))
+        if operator in _BIT_FUNCTIONS and (self.bits or operator in ("<<", ">>")):
+            return _bits(operator, left, right)
         return m.Binary(_WRITTEN.get(operator, operator), left, right)
 
     def operand(self, lowest: int) -> m.Expression:
         if self.is_at("-", "+", "!", "~"):
-            self._reject_bitwise()
             operator = self.take().text
+            if operator == "~" and self.bits:
+                return m.Call(m.Name("bitcmp"), (self.operand(lowest),))
             # a sign binds less tightly than ^: -x^2 is -(x^2)
             return m.Unary("~" if operator == "!" else operator, self.operand(lowest))
         left = self._postfix()
-        while self.is_at("^"):
-            self._reject_bitwise()
+        while self.is_at("^") and not self.bits:
             self.at += 1
             left = m.Binary("^", left, self._signed())
         return left
@@ -255,6 +250,10 @@ class _ActionParser(OperatorParser[ScannedToken, m.Expression]):
                 self.close(")")
                 return tree
         raise self.fault(f"unexpected {token.text!r}")
+
+
+def _bits(operator: str, left: m.Expression, right: m.Expression) -> m.Call:
+    return m.Call(m.Name(_BIT_FUNCTIONS[operator]), (left, right))
 
 
 def _number(text: str) -> float:
