@@ -5,6 +5,7 @@ A tree is an expression, a statement, or a tuple of them.
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import fields, is_dataclass, replace
+from functools import cache
 from itertools import takewhile
 from typing import Any
 
@@ -167,13 +168,19 @@ def _nodes(tree: object) -> Iterator[object]:
     waiting = [tree]
     while waiting:
         node = waiting.pop()
-        if is_dataclass(node):
-            yield node
         # a stack: reversed, nodes come in the order of the text
-        waiting += reversed(_parts(node))
+        if isinstance(node, tuple):
+            waiting += reversed(node)
+        elif names := _field_names(type(node)):
+            yield node
+            waiting += [getattr(node, name) for name in reversed(names)]
 
 
 def _parts(tree: object) -> tuple[object, ...]:
-    if isinstance(tree, tuple):
-        return tree
-    return tuple(getattr(tree, field.name) for field in fields(tree)) if is_dataclass(tree) else ()
+    return tree if isinstance(tree, tuple) else tuple(getattr(tree, name) for name in _field_names(type(tree)))
+
+
+@cache
+def _field_names(kind: type) -> tuple[str, ...]:
+    """Return the fields of a class of nodes, none of any other class; looked up for every part of every tree."""
+    return tuple(field.name for field in fields(kind)) if is_dataclass(kind) else ()
