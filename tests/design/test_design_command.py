@@ -204,3 +204,46 @@ def test_points_of_the_use_are_weighted_by_a_channel(steady, capsys):
         points = as_json(capsys, steady, "-n", 4)["points"]
         means.append(np.mean([point["l"] for point in points]))
     assert means[0] < means[1] - 0.3
+
+
+def test_the_offset_of_a_recording_to_come_is_not_known(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    random, drives = np.random.default_rng(0), {}
+    for day in (1, 2, 3):
+        x = random.uniform(0, 1, 40)
+        drives[day] = {"time": np.arange(40.0), "x": x, "m": 2 * x + day + random.normal(0, 0.1, 40)}
+        write_csv(tmp_path / f"day_{day}.csv", drives[day])
+    (tmp_path / "line.kf").write_text("input x\nscalar Gain\nscalar Offset\ny = Gain * x + Offset\n", "utf-8")
+    (tmp_path / "kennfeld.toml").write_text(
+        """
+[model]
+file = "line.kf"
+[[dataset]]
+files = ["day_1.csv", "day_2.csv"]
+[[criterion]]
+node = "y"
+target = { channel = "m" }
+[parameters.Gain]
+initial = 1.0
+[parameters.Offset]
+per = "recording"
+initial = 0.0
+""",
+        "utf-8",
+    )
+    project = kf.Project.read(tmp_path / "kennfeld.toml")
+    proposal = project.design(segments=1, candidates=["day_3.csv"], length=20.0)
+    (segment,) = proposal.segments
+    chosen = slice(round(segment.begin), round(segment.end) + 1)
+    parts = [drives[1]["x"], drives[2]["x"], drives[3]["x"][chosen]]
+    days = np.repeat(np.arange(3), [part.size for part in parts])
+    rows = np.column_stack([np.concatenate(parts), days[:, None] == np.arange(3)])
+    fit = project.calibrate()
+    deviation = fit.trust.noise["y"] * np.sqrt(np.diagonal(np.linalg.inv(rows.T @ rows)))
+    assert float(proposal.after["Gain"]) == pytest.approx(deviation[0], rel=1e-6)
+    np.testing.assert_allclose(proposal.after["Offset"], deviation[1:], rtol=1e-6)
+    assert proposal.before["Offset"][2] == np.inf
+    # the offset of another day is one more, with which there is nothing to compare
+    reached = proposal.compare(fit)
+    assert [row.parameter for row in reached.rows] == ["Gain"]
+    assert any("Offset: has the shape [2], but [3] in the design" in str(each) for each in reached.findings)

@@ -8,8 +8,9 @@ import kennfeld as kf
 from kennfeld.base.errors import InputError
 from kennfeld.design import Design, design
 from kennfeld.design.information import Information
+from kennfeld.design.measured_kinds import measured_kinds
 from kennfeld.design.open_directions import amount_of, reduced_functions, regular_curvature
-from kennfeld.design.point_design import design_points, point_kinds
+from kennfeld.design.point_design import design_points
 from kennfeld.design.segment_design import design_segments, reduce_recordings
 from kennfeld.design.segments import RecordedSegment, cut_files, cut_segments
 from tests.design.fits import MAP, drive, fitted, lag_fit, map_fit, product_fit, surface
@@ -148,7 +149,7 @@ def test_points_of_another_kind_are_offered():
     criteria = [kf.Criterion("y", kf.Target("channel", "m")), kf.Criterion("drag", kf.Target("channel", "d"))]
     data = [kf.Dataset.of("fired", fired), kf.Dataset.of("motored", motored)]
     result = kf.calibrate("input n\ndrag = D(n)\ny = C(n) - drag", data, start, criteria=criteria)
-    assert [kind.name for kind in point_kinds(fitted(result))] == ["fired", "motored"]
+    assert [kind.name for kind in measured_kinds(fitted(result))] == ["fired", "motored"]
     proposal = design(result, n=20, names=["D"])
     assert "20 points as in motored would leave 0." in " ".join([*proposal.sentences, *proposal.unsettled])
 

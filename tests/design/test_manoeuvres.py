@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
+from kennfeld.design import design
 from kennfeld.design.manoeuvres import KINDS, Manoeuvre, plan
 from kennfeld.design.region import BenchRegion, BoundaryCurve
 
@@ -69,3 +70,10 @@ def test_all_problems_of_a_manoeuvre_are_reported(manoeuvre, messages):
 def test_a_chirp_that_crosses_a_limit_is_an_error():
     with pytest.raises(kf.InputError, match="the chirp leaves the limits at"):
         plan(Manoeuvre("chirp", 200.0), BenchRegion(RANGES, (FULL_LOAD,)), SLEW)
+
+
+def test_a_manoeuvre_that_ends_on_its_first_level_is_a_warning():
+    slow = {"kind": "steps", "duration": 5.0, "dwell": (6.0, 8.0), "name": "levels"}
+    with pytest.warns(kf.InputWarning, match="nothing moves in levels: it takes 5 s, the first level longer"):
+        design(ranges={"speed": (800, 6000)}, manoeuvres=[slow])
+    assert not design(ranges={"speed": (800, 6000)}, manoeuvres=[slow | {"duration": 60.0}]).findings

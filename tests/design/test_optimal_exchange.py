@@ -1,4 +1,4 @@
-from itertools import product
+from itertools import combinations, combinations_with_replacement, product
 
 import numpy as np
 import pytest
@@ -48,6 +48,20 @@ def test_no_single_exchange_improves_a_design(criterion):
         chosen = list(optimal.chosen)
         chosen[at] = other
         assert value(chosen) >= best * (1 - 1e-6 * np.sign(best))
+
+
+@pytest.mark.parametrize("repeats", [True, False])
+@pytest.mark.parametrize("seed", range(5))
+def test_of_few_candidates_the_best_design_is_found(seed, repeats):
+    random = np.random.default_rng(seed)
+    rows = np.column_stack([np.ones(8), random.normal(size=(8, 3))])
+    choices = (combinations_with_replacement if repeats else combinations)(range(8), 5)
+    products = [rows[list(chosen)].T @ rows[list(chosen)] for chosen in choices]
+    regular = [each for each in products if np.linalg.det(each) > 1e-9]
+    best = max(np.linalg.slogdet(each)[1] for each in regular)
+    least = min(np.trace(np.linalg.solve(each, rows.T @ rows / 8)) for each in regular)
+    assert exchange(rows, 5, "D", repeats=repeats).log_det == pytest.approx(best, rel=1e-9)
+    assert exchange(rows, 5, "I", repeats=repeats).variance == pytest.approx(least, rel=1e-9)
 
 
 def test_without_repeats_each_candidate_occurs_once():

@@ -580,7 +580,7 @@ def test_a_model_without_outputs_names_the_subsystems_that_have_some(drawn):
     inner = model.subsystem("Engine")
     inner.inport("x")
     path = model.write(drawn.folder, DRAWN)
-    with pytest.raises(InputError, match=r"no block that records or displays a signal. Import a subsystem: Engine\."):
+    with pytest.raises(InputError, match=r"no signal that could be an output. Import a subsystem: Engine\."):
         simulink(path)
     with pytest.raises(InputError, match=r"Add an outport\."):
         simulink(Model("line").write(drawn.folder, DRAWN))

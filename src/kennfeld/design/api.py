@@ -18,8 +18,9 @@ from kennfeld.design.design_result import Design, Watch
 from kennfeld.design.doubts import doubts
 from kennfeld.design.filling_design import fill_region, plan_manoeuvres
 from kennfeld.design.fitted_function import FittedFunction
-from kennfeld.design.limits_of_design import axis_ranges, measured_inputs, region_of
-from kennfeld.design.point_design import PointKind, design_points, point_kinds
+from kennfeld.design.limits_of_design import beyond_axes, measured_inputs, region_of
+from kennfeld.design.measured_kinds import MeasuredKind, kind_of, measured_kinds
+from kennfeld.design.point_design import design_points
 from kennfeld.design.project_data import ProjectData, has_recordings
 from kennfeld.design.region import BenchRegion
 from kennfeld.design.segment_design import design_segments, reduce_recordings
@@ -29,6 +30,7 @@ from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
 from kennfeld.optimize.fit.result import Progress, Result
 from kennfeld.optimize.problem.problem import Problem
+from kennfeld.optimize.problem.unit_conflicts import convert_units, wanted_units
 from kennfeld.preprocessing.coercion import Data, to_dataset
 from kennfeld.project import Project
 from kennfeld.project.design_table import DesignEntry
@@ -280,7 +282,7 @@ def _points_around(
 ) -> Design:
     problem = fitted.problem
     channels = _input_channels(problem)
-    kind = _kind_of(fitted, candidates)
+    kind = kind_of(measured_kinds(fitted), candidates)
     if problem.model.graph.states and kind.example.settling is None:
         message = "a function with memory has no steady points unless they settle"
         raise InputError.of(place, message, "Ask for segments, or write settle = ... in the dataset of the points.")
@@ -311,18 +313,8 @@ def _points_around(
     return arranged(proposal, chosen)
 
 
-def _kind_of(fitted: FittedFunction, candidates: Sequence[Dataset]) -> PointKind:
-    """Return the kind of points that candidates are: that with most targets among their channels, else the usual."""
-    kinds = point_kinds(fitted)
-
-    def targets(kind: PointKind) -> int:
-        return sum(all(c.target.name in data for data in candidates) for c in kind.criteria) if candidates else 0
-
-    return max(kinds, key=targets)
-
-
-def _is_like(fitted: FittedFunction, data: Dataset, kind: PointKind) -> bool:
-    return any(own.example is data or own.criteria == kind.criteria for own in point_kinds(fitted)) and all(
+def _is_like(fitted: FittedFunction, data: Dataset, kind: MeasuredKind) -> bool:
+    return any(own.example is data or own.criteria == kind.criteria for own in measured_kinds(fitted)) and all(
         criterion.target.kind == "number" or criterion.target.name in data or criterion.target.kind == "node"
         for criterion in kind.criteria
     )
@@ -344,10 +336,7 @@ def _inside(
             message = f"{count_noun(int(np.sum(~inside)), 'candidate')} of {count} lie outside the limits of [design]"
             findings.append(Finding(PLACE, f"{message} and are left out", severity="remark"))
         columns = {name: values[inside] for name, values in columns.items()}
-    beyond = np.zeros(len(next(iter(columns.values()))), dtype=bool)
-    for name, (low, high) in axis_ranges(problem.model.graph, problem.parameters).items():
-        values = columns[problem.channels.get(name, name)]
-        beyond |= (values < low) | (values > high)
+    beyond = beyond_axes(problem, columns)
     if beyond.any():
         message = f"{count_noun(int(beyond.sum()), 'candidate')} of {beyond.size} lie beyond the axes of a table"
         findings.append(Finding(PLACE, message, "Lookups clip there.", severity="warning"))
@@ -467,7 +456,9 @@ def _datasets(supplied: Any, name: str, problem: Problem | None) -> list[Dataset
     graph, asked = problem.model.graph, set(_input_channels(problem))
     asked |= {criterion.target.name for criterion in problem.criteria}
     asked |= {item.weight_channel for item in items if isinstance(item, Dataset)} - {""}
-    located = [to_dataset(item, name, graph, asked) for item in items]
+    own, located = problem.fitted_datasets, [to_dataset(item, name, graph, asked) for item in items]
+    # in the units of the function, or else of the training data, in which points are chosen
+    located = convert_units([*own, *located], wanted_units(graph, problem.channels))[len(own) :]
     missing = [
         Finding(Location(f"{name} {data.name}"), f"has no channel {channel}", nearest(channel, data))
         for data in located

@@ -4,13 +4,14 @@ A candidate needs the inputs of the function only. Its targets are those that wo
 does not depend on them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
 from kennfeld.base.arrays import Float, Int, ignore_floating_errors
+from kennfeld.design.candidate_weights import CandidateWeights
 from kennfeld.design.fitted_function import FittedFunction
 from kennfeld.domain.criteria import Criterion
 from kennfeld.domain.dataset import Channel, Dataset
@@ -27,6 +28,7 @@ class CandidateData:
         criteria: what would be measured there; by default all criteria of the problem.
         use: further datasets, whose samples have the weights of their `weight_channel`.
         recorded: the candidates are training data, and keep their targets and weights.
+        measured: those of the criteria whose targets the candidates have; by default all of them.
     """
 
     def __init__(
@@ -37,22 +39,45 @@ class CandidateData:
         use: Sequence[Dataset] = (),
         *,
         recorded: bool = False,
+        measured: Sequence[Criterion] | None = None,
     ) -> None:
         own = fitted.problem.criteria
-        measured = tuple(_plain(criterion) for criterion in (own if criteria is None else criteria))
+        scored = tuple(own if criteria is None else criteria)
         channels = {c.target.name for c in own if fitted.problem.target_node(c) is None and c.target.kind != "number"}
-        channels |= {c.target.name for c in measured if c.target.kind == "channel"}
+        channels |= {c.target.name for c in scored if c.target.kind == "channel"}
         # a channel that the function reads must be among the candidates
         channels -= {fitted.problem.channels.get(name, name) for name in fitted.problem.model.graph.inputs}
-        self._fitted = fitted
-        weight, names = fitted.weight, sorted(channels)
-        plain = (_with_targets(replace(data, weight_channel=""), names, weight) for data in datasets)
-        located = (replace(data, use="training") for data in datasets) if recorded else plain
-        self.datasets = (*located, *(_with_targets(data, names) for data in use))
+        self._fitted, self._criteria = fitted, scored
+        # a node that is measured in addition counts like the first one
+        numbers = [own.index(criterion if criterion in own else scored[0]) for criterion in scored]
+        self._weights = [CandidateWeights(fitted, number, channels, recorded=recorded) for number in numbers]
+        names, kept = sorted(channels), [replace(data, use="training") for data in datasets]
+        known = {criterion.target.name for criterion in (scored if measured is None else measured)}
+        located = kept if recorded else [_with_targets(data, names, fitted.weight, known) for data in datasets]
+        self._factors = [[each.factors(data) for each in self._weights] for data in located]
+        self._candidates = [replace(data, weight_channel="") for data in located]
+        weighted = [_with_weights(*pair) for pair in zip(self._candidates, self._factors, strict=True)]
+        self.datasets = (*weighted, *(_with_targets(data, names) for data in use))
         self.problem = fitted.problem.over(self.datasets)
-        self._same = measured == own and not any(data.weight_channel for data in self.datasets)
-        if not self._same:
-            self.problem = replace(self.problem, criteria=measured)
+        criteria = tuple(self._plain(at, c) for at, c in enumerate(scored))
+        self._same = criteria == own and not any(data.weight_channel for data in self.datasets)
+        # the kernel of a fit with weights reads them
+        self._same &= not fitted.compiled.weighting.inputs
+        # whether a bare name is a channel depends on the data of the fit, which may have it where candidates do not
+        resolved = (replace(c, target=fitted.problem.resolved_target(c)) for c in criteria)
+        self.problem = replace(self.problem, criteria=tuple(resolved))
+
+    def _plain(self, number: int, criterion: Criterion) -> Criterion:
+        """Return a criterion without what depends on residuals, and with the weights of the candidates."""
+        own = self._weights[number]
+        named = any(factors[number] is not None for factors in self._factors)
+        return replace(
+            criterion,
+            loss="square",
+            weight=criterion.weight * own.mean * own.slope,
+            weight_channel=_weight_channel(number) if named else "",
+            regions=(),
+        )
 
     @cached_property
     def _compiled(self) -> CompiledProblem:
@@ -108,6 +133,19 @@ class CandidateData:
         with ignore_floating_errors():
             return as_array(self._compiled.sums.normal(self._compiled.full(values)).matrix).copy()
 
+    @cached_property
+    def shares(self) -> list[Float]:
+        """Variance of the gradient per curvature of each candidate, by dataset, each Float[outputs, samples]."""
+        return [
+            np.array(
+                [
+                    own.shares(c.weight * data.weight, own.mean * (np.ones(data.samples) if f is None else f))
+                    for own, c, f in zip(self._weights, self._criteria, factors, strict=True)
+                ]
+            )
+            for data, factors in zip(self._candidates, self._factors, strict=True)
+        ]
+
     def scatter(self, values: Float, curvature: Float) -> Float:
         """Return the variance of the gradient by the noise of all candidates, Float[free, free].
 
@@ -117,27 +155,33 @@ class CandidateData:
         """
         if self._fitted.estimate.noise is None:
             return np.asarray(self._fitted.estimate.dispersion * curvature)
-        weights = dict.fromkeys(data.weight for data in self.datasets)
-        return np.asarray(np.sum([self._scatter_of(weight, values) for weight in weights], axis=0))
-
-    def _scatter_of(self, weight: float, values: Float) -> Float:
-        """Return the variance of the gradient by the noise of the candidates of one weight, Float[free, free]."""
-        shares = self._fitted.noise_shares(self._fitted.problem.criteria, weight)
-        scaled = [replace(c, weight=c.weight * share) for c, share in zip(self.problem.criteria, shares, strict=True)]
-        own = self.problem.over([data for data in self.datasets if data.weight == weight])
-        compiled = CompiledProblem(replace(own, criteria=tuple(scaled)))
+        # the share of a sample multiplies its weight
+        weighted = []
+        for data, factors, shares in zip(self._candidates, self._factors, self.shares, strict=True):
+            own = [share if f is None else share * f for share, f in zip(shares, factors, strict=True)]
+            weighted.append(_with_weights(data, own))
+        criteria = [replace(c, weight_channel=_weight_channel(at)) for at, c in enumerate(self.problem.criteria)]
+        compiled = CompiledProblem(replace(self.problem.over(weighted), criteria=tuple(criteria)))
         with ignore_floating_errors():
             return as_array(compiled.sums.normal(compiled.full(values)).matrix).copy()
 
 
-def _plain(criterion: Criterion) -> Criterion:
-    """Return a criterion without what depends on residuals, or on channels that candidates do not have."""
-    return replace(criterion, loss="square", weight_channel="", regions=())
+def _weight_channel(number: int) -> str:
+    """Return the channel of the weights for a criterion, which no channel of a user is called."""
+    return f"\0weight of {number}"
 
 
-def _with_targets(data: Dataset, channels: Sequence[str], weight: float = 1.0) -> Dataset:
-    """Return a dataset with targets of 0, which count at every sample that is scored."""
+def _with_weights(data: Dataset, weights: Sequence[Float | None]) -> Dataset:
+    """Return a dataset with the weights of its samples for each criterion, Float[samples] each."""
+    further = [Channel(_weight_channel(at), own) for at, own in enumerate(weights) if own is not None]
+    return replace(data, channels=(*data.channels, *further)) if further else data
+
+
+def _with_targets(
+    data: Dataset, channels: Sequence[str], weight: float = 1.0, known: Collection[str] | None = None
+) -> Dataset:
+    """Return a dataset with targets of 0, which count at every sample that is scored, those that are known."""
     zeros = np.zeros(data.samples)
     others = tuple(channel for channel in data.channels if channel.name not in channels)
-    targets = tuple(Channel(name, zeros) for name in channels)
+    targets = tuple(Channel(name, zeros) for name in channels if known is None or name in known)
     return replace(data, channels=(*others, *targets), weight=weight, use="training")

@@ -1,6 +1,7 @@
 """Comparison of the deviations that a design predicted with those of a fit with the measured data."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -50,6 +51,7 @@ class DesignComparison:
         rows: the parameters.
         noise: by node, the noise of the fit relative to that when the design was made.
         missed: the values that fall short of the prediction, the worst first, with both deviations.
+        within: number of them that are within the range of the prediction, as it depended on values not yet known.
         reached: standard deviation of each value now, by parameter.
         findings: warnings.
     """
@@ -59,6 +61,7 @@ class DesignComparison:
     missed: tuple[str, ...]
     reached: Mapping[str, Float]
     findings: tuple[Finding, ...] = ()
+    within: int = 0
 
     def table(self) -> list[tuple[str, ...]]:
         """Return the parameters as rows of text with a heading."""
@@ -79,6 +82,8 @@ class DesignComparison:
             more = missed - len(self.missed[:MOST_NAMED])
             others = f", and {more} more" if more > 0 else ""
             lines.append(f"Furthest from it: {join_names(list(self.missed[:MOST_NAMED]))}{others}.")
+        if self.within:
+            lines.append(f"{self.within} of these {missed} are within the range of the prediction.")
         for node, ratio in self.noise.items():
             if not 1 / SAME_NOISE < ratio < SAME_NOISE:
                 lines.append(
@@ -93,6 +98,7 @@ class DesignComparison:
             "parameters": rows,
             "noise": {node: finite_or_none(ratio) for node, ratio in self.noise.items()},
             "missed": list(self.missed),
+            "within": self.within,
             "deviation": {name: nested_or_none(values) for name, values in self.reached.items()},
             "sentences": self.summary(),
             "findings": [str(finding) for finding in self.findings],
@@ -103,7 +109,11 @@ class DesignComparison:
 
 
 def compare(
-    before: Mapping[str, Float], predicted: Mapping[str, Float], noise: Mapping[str, float], fitted: FittedFunction
+    before: Mapping[str, Float],
+    predicted: Mapping[str, Float],
+    noise: Mapping[str, float],
+    fitted: FittedFunction,
+    most: Mapping[str, Float] | None = None,
 ) -> DesignComparison:
     """Compare the deviations of a fit with predicted ones.
 
@@ -112,6 +122,7 @@ def compare(
         predicted: the same with what was to be measured.
         noise: of each node then.
         fitted: the fit with the measured data.
+        most: the greatest deviation of each value that was predicted.
 
     Raises:
         InputError: no parameter has a prediction, or one has another number of values now.
@@ -121,8 +132,12 @@ def compare(
     if not names:
         message = "the design predicts no deviation of a parameter of this fit"
         raise InputError.of(PLACE, message, "Save a design around a fit as .json, and name that file.")
-    _require_equal_shapes(names, predicted, reached)
-    findings = []
+    equal = _of_equal_shape(names, predicted, reached)
+    # a value for each recording, of which there are more now, is compared with nothing
+    findings = [
+        replace(_other_shape(name, predicted, reached), severity="remark") for name in names if name not in equal
+    ]
+    names = equal
     if all(np.array_equal(before[name], reached[name]) for name in names):
         message = "the deviations are those before the design"
         remedy = "Add the measured data to the training data."
@@ -134,20 +149,26 @@ def compare(
         tuple(_shortfalls(names, predicted, reached, fitted)),
         reached,
         tuple(findings),
+        sum(_within(predicted[name], most[name], reached[name]) for name in names if most and name in most),
     )
 
 
-def _require_equal_shapes(names: list[str], predicted: Mapping[str, Float], reached: Mapping[str, Float]) -> None:
-    findings = [
-        Finding(
-            Location(name),
-            f"has the shape {list(reached[name].shape)}, but {list(predicted[name].shape)} in the design",
-        )
-        for name in names
-        if predicted[name].shape != reached[name].shape
-    ]
-    if findings:
-        raise InputError(findings)
+def _within(predicted: Float, most: Float, reached: Float) -> int:
+    """Count the values that fall short of the prediction, but not of the greatest deviation."""
+    return int(np.sum((reached > TOLERATED * predicted) & (reached <= TOLERATED * most)))
+
+
+def _of_equal_shape(names: list[str], predicted: Mapping[str, Float], reached: Mapping[str, Float]) -> list[str]:
+    """Return the parameters with as many values as in the design, of which there must be one."""
+    equal = [name for name in names if predicted[name].shape == reached[name].shape]
+    if equal:
+        return equal
+    raise InputError([_other_shape(name, predicted, reached) for name in names])
+
+
+def _other_shape(name: str, predicted: Mapping[str, Float], reached: Mapping[str, Float]) -> Finding:
+    message = f"has the shape {list(reached[name].shape)}, but {list(predicted[name].shape)} in the design"
+    return Finding(Location(name), message)
 
 
 def _row(name: str, before: Float, predicted: Float, reached: Float) -> ParameterComparison:

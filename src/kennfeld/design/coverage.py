@@ -15,9 +15,12 @@ from collections.abc import Callable
 import numpy as np
 
 from kennfeld.base.arrays import Float, Int
+from kennfeld.design.subsets import BEST_TIMES, best_subset
 
 Stop = Callable[[list[int]], bool]  # is given what is chosen so far; True ends the search with it
 ROUNDS = 10  # of exchanges, of which the first two find nearly all that is to be found
+STARTS = 20  # at most, of exchanges from random candidates
+MOST_STEPS = 2_000_000  # candidates times values times draws times exchanges, up to which there are several starts
 LEAST_GAIN = 1e-9  # relative
 
 
@@ -79,8 +82,46 @@ class WeightedCoverage:
             blocked[chosen[-1]] = True
             if stop(chosen):
                 return chosen
+        return self._ordered(self._improved(chosen, blocked, stop))
+
+    def _improved(
+        self, chosen: list[int], blocked: "np.ndarray[tuple[int], np.dtype[np.bool_]]", stop: Stop
+    ) -> list[int]:
+        """Return the best of all choices of as many candidates, or, of many, what exchanges from some starts find."""
+        if not chosen or stop(chosen):
+            return chosen
+        free = np.flatnonzero(~blocked | np.isin(np.arange(blocked.size), chosen)).tolist()
+        best = best_subset(free, len(chosen), self._of_each, len(chosen) * self._known.size)
+        if best is not None:
+            return best[1] if best[0] < self.of(chosen) * (1 - LEAST_GAIN) else chosen
         self._exchange(chosen, blocked, stop)
-        return self._ordered(chosen)
+        if self._candidates.size * len(chosen) > MOST_STEPS:
+            return chosen
+        return self._restarted(chosen, free, stop)
+
+    def _restarted(self, chosen: list[int], free: list[int], stop: Stop) -> list[int]:
+        """Return the best of exchanges from random candidates and from these, once three of them end at the best."""
+        random, best, times = np.random.default_rng(0), self.of(chosen), 1
+        for _ in range(STARTS):
+            if times == BEST_TIMES or stop(chosen):
+                break
+            other: list[int] = random.choice(free, len(chosen), replace=False).tolist()
+            blocked = np.ones(self._candidates.shape[1], dtype=bool)
+            blocked[free] = np.isin(free, other)
+            self._exchange(other, blocked, lambda _, own=chosen: stop(own))  # type: ignore[misc]
+            value = self.of(other)
+            if value < best * (1 - LEAST_GAIN):
+                chosen, best, times = other, value, 1
+            elif value <= best * (1 + LEAST_GAIN):
+                times += 1
+        return chosen
+
+    def _of_each(self, chosen: Int) -> Float:
+        """Return the variance with each of several choices, Float[choices], of candidates, Int[choices, count]."""
+        total = np.zeros(len(chosen))
+        for known, candidates, use in zip(self._known, self._candidates, self._use, strict=True):
+            total += (use / (known + candidates[chosen].sum(axis=1))).sum(axis=1)
+        return total / len(self._use)
 
     def _exchange(
         self, chosen: list[int], blocked: "np.ndarray[tuple[int], np.dtype[np.bool_]]", stop: Stop = never
@@ -127,7 +168,7 @@ class WeightedCoverage:
         gone = [number for number, _ in dropped]
         kept = [number for number in everything if number not in gone]
         blocked = np.isin(everything, kept)
-        self._exchange(kept, blocked, lambda _: stop(gone))
+        kept = self._improved(kept, blocked, lambda _: stop(gone))
         return self._eliminate(everything, [number for number in everything if number not in kept], len(dropped))
 
     def _eliminate(

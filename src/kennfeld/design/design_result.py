@@ -53,6 +53,8 @@ class Design:
         drop: recordings that add nothing, the first is missed least.
         before: standard deviation of each value now, by parameter; inf if undetermined.
         after: the same as predicted.
+        least: the least that it may be predicted to be by values that the fit does not exclude; empty if unknown.
+        most: the greatest.
         unsettled: for what the data do not determine, a sentence on what the design leaves open.
         sentences: further predictions.
         findings: warnings and remarks.
@@ -75,6 +77,8 @@ class Design:
     drop: tuple[str, ...] = ()
     before: Mapping[str, Float] = field(default_factory=dict, repr=False)
     after: Mapping[str, Float] = field(default_factory=dict, repr=False)
+    least: Mapping[str, Float] = field(default_factory=dict, repr=False)
+    most: Mapping[str, Float] = field(default_factory=dict, repr=False)
     unsettled: tuple[str, ...] = ()
     sentences: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
@@ -104,6 +108,9 @@ class Design:
                 drop=tuple(content["drop"]),
                 before=_deviations(content["deviation"]["before"]),
                 after=_deviations(content["deviation"]["after"]),
+                # files of earlier versions have no range
+                least=_deviations(content["deviation"].get("least", {})),
+                most=_deviations(content["deviation"].get("most", {})),
                 unsettled=tuple(content["unsettled"]),
                 sentences=tuple(content["sentences"]),
                 warmup=content["warmup"],
@@ -120,7 +127,7 @@ class Design:
         Raises:
             InputError: the design was made without a fit, or for tables of another size.
         """
-        return compare(self.before, self.after, self.noise, FittedFunction.of(result))
+        return compare(self.before, self.after, self.noise, FittedFunction.of(result), self.most)
 
     def as_json(self) -> dict[str, Any]:
         """Return the content of `kennfeld design --json`; numbers that are not finite are None."""
@@ -128,7 +135,7 @@ class Design:
             "points": [dict(point) for point in self.points],
             "segments": [vars(segment) for segment in self.segments],
             "drop": list(self.drop),
-            "deviation": {"before": _nested(self.before), "after": _nested(self.after)},
+            "deviation": {name: _nested(getattr(self, name)) for name in ("before", "after", "least", "most")},
             "noise": {node: finite_or_none(value) for node, value in self.noise.items()},
             "unsettled": list(self.unsettled),
             "warmup": self.warmup,

@@ -6,8 +6,9 @@ import numpy as np
 
 from kennfeld.base.arrays import Float, ignore_floating_errors
 from kennfeld.base.errors import Finding, Location
-from kennfeld.base.formatting import join_names
+from kennfeld.base.formatting import count_noun, join_names
 from kennfeld.design.fitted_function import FittedFunction
+from kennfeld.optimize.limits.linear_limits import linear_limits
 from kennfeld.optimize.quality.quality import Scorer
 from kennfeld.optimize.strategies.jumps import jumps_of
 
@@ -27,7 +28,33 @@ def doubts(fitted: FittedFunction) -> Iterator[Finding]:
         message = f"the function jumps as {join_names(names)} change, which derivatives do not show"
         remedy = "The design says nothing about them."
         yield Finding(PLACE, message, remedy, severity="warning")
+    yield from _several_weights(fitted)
+    yield from _bounded_values(fitted)
+    if fitted.problem.limits:
+        message = "predictions leave out that limits of outputs will hold at what is measured next, too"
+        yield Finding(PLACE, message, "If the outputs reach them there, deviations will differ.", severity="remark")
     yield from _missing_terms(fitted)
+
+
+def _several_weights(fitted: FittedFunction) -> Iterator[Finding]:
+    """Yield a remark on the weight that further data are taken to have, if those so far have several."""
+    weights = sorted({data.weight for data in fitted.problem.fitted_datasets})
+    if len(weights) > 1:
+        message = f"the training data have weights from {weights[0]:g} to {weights[-1]:g}"
+        remedy = f"What is measured next is taken to have {fitted.weight:g}, as most samples."
+        yield Finding(PLACE, message, remedy, severity="remark")
+
+
+def _bounded_values(fitted: FittedFunction) -> Iterator[Finding]:
+    """Yield a remark on values that a bound holds instead of the data: predictions take them for known."""
+    limits, values = linear_limits(fitted.problem, fitted.compiled.values), fitted.values
+    held = fitted.fixed & limits.movable & ((values <= limits.lower) | (values >= limits.upper))
+    counts = {name: int(held[first : first + size].sum()) for name, (first, size) in fitted.blocks.items()}
+    texts = [f"{count_noun(count, 'value')} of {name}" for name, count in counts.items() if count]
+    if texts:
+        message = f"bounds hold {join_names(texts, 3)}, which predictions take for known"
+        remedy = "If further data move them away from it, deviations will be larger than predicted."
+        yield Finding(PLACE, message, remedy, severity="remark")
 
 
 def _missing_terms(fitted: FittedFunction) -> Iterator[Finding]:

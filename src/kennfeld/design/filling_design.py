@@ -1,6 +1,6 @@
 """Designs that need no fit: points that fill a region, optimal points of black-box models, planned manoeuvres."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from kennfeld.base.arrays import Float
 from kennfeld.base.errors import Finding, InputError, Location
 from kennfeld.base.formatting import count_noun
 from kennfeld.design.design_result import Design
-from kennfeld.design.manoeuvres import Manoeuvre, plan_all
+from kennfeld.design.manoeuvres import Manoeuvre, TimeTable, plan_all
 from kennfeld.design.optimal_exchange import exchange
 from kennfeld.design.region import BenchRegion
 from kennfeld.design.regression_models import model_rows
@@ -111,7 +111,17 @@ def plan_manoeuvres(entry: DesignEntry, region: BenchRegion) -> Design:
         raise InputError.of(PLACE, f"two manoeuvres are called {name}", "Give each its own name.")
     named = tuple(table.renamed(name) for table, name in zip(tables, names, strict=True))
     sentences = [f"{table.name}: {table.time[-1]:g} s, {table.time.size} samples." for table in named]
-    return Design(tables=named, sentences=tuple(sentences))
+    return Design(tables=named, sentences=tuple(sentences), findings=tuple(_resting(entry.manoeuvres, named, region)))
+
+
+def _resting(entries: Sequence[ManoeuvreEntry], tables: Sequence[TimeTable], region: BenchRegion) -> Iterator[Finding]:
+    """Yield a warning for each manoeuvre that ends before it leaves its first level."""
+    for entry, table in zip(entries, tables, strict=True):
+        wide = [name for name in entry.channels or region.ranges if region.ranges[name][0] < region.ranges[name][1]]
+        if wide and not any(np.ptp(table.columns[name]) > 0 for name in wide):
+            message = f"nothing moves in {table.name}: it takes {entry.duration:g} s, the first level longer"
+            remedy = f"Extend duration, or reduce dwell from {entry.dwell[0]:g} to {entry.dwell[1]:g} s."
+            yield Finding(PLACE, message, remedy, severity="warning")
 
 
 def _manoeuvre(entry: ManoeuvreEntry) -> Manoeuvre:

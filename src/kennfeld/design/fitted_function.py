@@ -1,6 +1,6 @@
 """A fitted function as designs see it: its curvatures, plausible values around it, and how long it remembers."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
 
@@ -9,14 +9,14 @@ import numpy as np
 from kennfeld.base.arrays import Bool, Float
 from kennfeld.base.errors import InputError, Location
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.domain.criteria import Criterion
 from kennfeld.graph.traversal import with_names
 from kennfeld.optimize.fit.result import Result
 from kennfeld.optimize.limits.linear_limits import linear_limits
 from kennfeld.optimize.problem.problem import Problem, time_constants
 from kennfeld.optimize.quality.quality import NodeSimulator
 from kennfeld.optimize.sums.compiled import CompiledProblem
-from kennfeld.optimize.trust.covariance import Estimate, noise_share
+from kennfeld.optimize.trust.covariance import Estimate
+from kennfeld.optimize.trust.information_matrix import ConstraintElimination
 from kennfeld.optimize.trust.matrices import whole
 from kennfeld.optimize.trust.trust import Trust
 
@@ -38,22 +38,44 @@ class FittedFunction:
         trust: the uncertainty of these values.
         estimate: the curvatures around them.
         converged: True if the search ended at a minimum.
+        unknown: values that only further data have, such as the offset of a recording to come, Bool[free].
     """
 
     problem: Problem
     trust: Trust
     estimate: Estimate
     converged: bool
+    unknown: Bool
 
     @classmethod
-    def of(cls, result: Result) -> "FittedFunction":
-        """Return the end of a fit in this process. Raises `InputError` if nothing is known around it."""
+    def of(cls, result: Result, unknown: Mapping[str, Bool] | None = None) -> "FittedFunction":
+        """Return the end of a fit in this process.
+
+        Args:
+            result: the result of the fit.
+            unknown: by parameter the values that only further data have; the fit held them.
+
+        Raises:
+            InputError: nothing is known around the end.
+        """
         trust = result.trust
         problem = getattr(result.inspection, "problem", None)
         if trust.estimate is None or problem is None or not np.isfinite(trust.estimate.dispersion):
             message = f"the fit ended with status {result.status}, and the uncertainty of its values is unknown"
-            raise InputError.of(Location("design"), message, "Fit the function first; see the message of calibrate.")
-        return cls(replace(problem, parameters=result.parameters), trust, trust.estimate, result.converged)
+            remedy = "Fit the function first; see the message of calibrate."
+            if trust.estimate is not None and problem is not None:
+                message = (
+                    "the noise of the data is unknown, as there are not more samples than values that they determine"
+                )
+                remedy = 'Measure a few points that fill the ranges first: method = "sobol" in [design].'
+            raise InputError.of(Location("design"), message, remedy)
+        mask = np.zeros(trust.estimate.reduction.size, dtype=bool)
+        for name, where in (unknown or {}).items():
+            first = trust.columns.get(name, mask.size)
+            mask[first : first + where.size] = where
+        estimate = _released(trust.estimate, mask)
+        mask &= trust.estimate.reduction.fixed
+        return cls(replace(problem, parameters=result.parameters), trust, estimate, result.converged, mask)
 
     @cached_property
     def compiled(self) -> CompiledProblem:
@@ -73,29 +95,11 @@ class FittedFunction:
 
     @cached_property
     def weight(self) -> float:
-        """The weight of the training data, which further data will have as well; 1 if they have several."""
-        weights = {data.weight for data in self.problem.fitted_datasets}
-        return weights.pop() if len(weights) == 1 else 1.0
-
-    def noise_shares(self, criteria: Sequence[Criterion], weight: float | None = None) -> Float:
-        """Return the variance of the gradient per curvature of data, by criterion, Float[criteria].
-
-        Args:
-            criteria: those that are measured.
-            weight: of the data; by default that of the training data.
-        """
-        groups, own, means = self.estimate.groups, self.problem.criteria, list[float]()
-        shares = [noise_share(*pair) for pair in zip(groups, self.estimate.variances, strict=True)]
-        for criterion in criteria:
-            score = criterion.weight * (self.weight if weight is None else weight)
-            mine = [pair for pair in zip(groups, shares, strict=True) if criterion in own[pair[0].criterion :][:1]]
-            # data of the same weight tell; of others, the noise of a sample is taken to be the same
-            alike = [(group, share) for group, share in mine if group.score == score]
-            known = alike or [(group, share * score / group.score) for group, share in mine]
-            total = sum(group.count for group, _ in known)
-            mean = sum(share * group.count for group, share in known) / total if total else np.nan
-            means.append(mean if np.isfinite(mean) else self.estimate.dispersion)
-        return np.array(means)
+        """The weight that further data will have: that of the datasets with most training samples."""
+        samples: dict[float, int] = {}
+        for data in self.problem.fitted_datasets:
+            samples[data.weight] = samples.get(data.weight, 0) + int(np.count_nonzero(data.counting))
+        return max(samples, key=lambda weight: samples[weight]) if samples else 1.0
 
     @cached_property
     def spread(self) -> Float:
@@ -195,3 +199,17 @@ class FittedFunction:
         # a number that can be driven: whole seconds of a long one
         warmup = LAGS * longest
         return float(np.ceil(warmup)) if warmup > WHOLE else warmup
+
+
+def _released(estimate: Estimate, unknown: Bool) -> Estimate:
+    """Return an estimate in which values move that the fit held; nothing is known of them, Bool[free]."""
+    before = estimate.reduction
+    more = np.setdiff1d(np.flatnonzero(unknown & before.fixed), before.dependent)
+    if not more.size:
+        return estimate
+    independent = np.sort(np.concatenate([before.independent, more]))
+    places = np.searchsorted(independent, before.independent)
+    follow, seen = np.zeros((before.dependent.size, independent.size)), np.zeros(independent.size, dtype=bool)
+    follow[:, places], seen[places] = before.follow, estimate.seen
+    reduction = ConstraintElimination(before.size, independent, before.dependent, follow)
+    return replace(estimate, reduction=reduction, seen=seen)

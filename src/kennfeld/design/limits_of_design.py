@@ -4,13 +4,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from kennfeld.base.arrays import Float
+from kennfeld.base.arrays import Bool, Float
 from kennfeld.base.errors import Findings, Location
 from kennfeld.base.formatting import join_names
 from kennfeld.design.region import BenchRegion, BoundaryCurve, DataEnvelope, RegionCondition, contradictions
 from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph import Graph
+from kennfeld.optimize.problem.problem import Problem
 from kennfeld.preprocessing.calculated import parse_expression
 from kennfeld.project.design_table import DesignEntry
 
@@ -94,6 +95,19 @@ def measured_inputs(datasets: Sequence[Dataset], channels: Sequence[str]) -> dic
     stacked = {name: np.concatenate([data[name].values for data in own]) for name in channels}
     known = np.isfinite(np.column_stack(list(stacked.values()))).all(axis=1)
     return {name: values[known] for name, values in stacked.items()} if known.any() else None
+
+
+def beyond_axes(problem: Problem, columns: Mapping[str, Float], slack: float = 0.0) -> Bool:
+    """Mark the points at which an input lies beyond the axes of a table, given channels, Float[points].
+
+    `slack` is the share of an axis by which it may do so.
+    """
+    beyond = np.zeros(len(next(iter(columns.values()))), dtype=bool)
+    for name, (low, high) in axis_ranges(problem.model.graph, problem.parameters).items():
+        values = columns[problem.channels.get(name, name)]
+        margin = slack * (high - low)
+        beyond |= (values < low - margin) | (values > high + margin)
+    return beyond
 
 
 def axis_ranges(graph: Graph, parameters: ParameterSet) -> dict[str, tuple[float, float]]:

@@ -7,6 +7,7 @@ import numpy as np
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import InputError, Location
 from kennfeld.design.fitted_function import FittedFunction
+from kennfeld.design.predicted_estimate import expand_matrix
 from kennfeld.optimize.trust.direction_text import Direction
 
 SETTLED = 0.9  # of the deviation before, above which something counts as not settled
@@ -59,21 +60,34 @@ def reduced_functions(fitted: FittedFunction, functions: Sequence[Float]) -> Flo
     return fitted.estimate.reduction.rows(rows)
 
 
-def factors_with(fitted: FittedFunction, functions: Float, added: Float) -> Float:
-    """Return the deviation of linear functions after data with a Gauss-Newton matrix, relative to that before.
+def factors_with(fitted: FittedFunction, functions: Float, added: Float, scatter: Float) -> Float:
+    """Return the deviation of linear functions after data, relative to that before.
 
     Args:
         fitted: the fit before.
         functions: over the independent values, Float[functions, independent].
-        added: over the free values, Float[free, free].
+        added: Gauss-Newton matrix of the data, Float[independent, independent].
+        scatter: variance of the gradient by their noise, Float[independent, independent].
 
     Returns:
         Float[functions].
     """
-    curvature = regular_curvature(fitted)
-    more = np.asarray(fitted.estimate.reduction.matrix(added))
-    before, after = (
-        np.einsum("ij,ji->i", functions, np.linalg.solve(matrix, functions.T))
-        for matrix in (curvature, curvature + more)
-    )
+    estimate, curvature = fitted.estimate, regular_curvature(fitted)
+    if estimate.noise is None:
+        before, after = (_sandwich(functions, each, each) for each in (curvature, curvature + added))
+        return _relative(after, before)
+    noise, data = (expand_matrix(estimate, each) for each in (estimate.noise, estimate.data))
+    # what is known without data has the noise of all
+    claimed = noise + estimate.dispersion * (curvature - data)
+    before = _sandwich(functions, curvature, claimed)
+    return _relative(_sandwich(functions, curvature + added, claimed + scatter), before)
+
+
+def _sandwich(functions: Float, curvature: Float, noise: Float) -> Float:
+    """Return f'H^-1 M H^-1 f for each function f, Float[functions]."""
+    rows = np.linalg.solve(curvature, functions.T)
+    return np.asarray(np.einsum("if,if->f", rows, functions.T if noise is curvature else noise @ rows))
+
+
+def _relative(after: Float, before: Float) -> Float:
     return np.asarray(np.sqrt(np.divide(after, before, out=np.ones_like(before), where=before > 0)))

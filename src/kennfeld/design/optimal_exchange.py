@@ -16,12 +16,15 @@ from typing import Literal
 
 import numpy as np
 
-from kennfeld.base.arrays import Float
+from kennfeld.base.arrays import Float, Int
 from kennfeld.base.errors import InputError, Location
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.design.subsets import BEST_TIMES, best_subset
 
 Criterion = Literal["D", "I"]
 STARTS = 10
+MOST_STARTS = 100  # of a small problem whose best design was found less than three times
+SMALL = 3000  # points times candidates of such a problem
 EXCHANGES = 1000  # in one descent; each lowers the criterion
 LEAST_GAIN = 1e-9
 REFRESH = 50  # exchanges after which M^-1 is computed anew, before rounding adds up
@@ -47,7 +50,7 @@ class ExactDesign:
 def exchange(
     rows: Float, count: int, criterion: Criterion = "D", *, repeats: bool = True, seed: int = 0, starts: int = STARTS
 ) -> ExactDesign:
-    """Choose points for a linear model, the best of several descents from random starts.
+    """Choose points for a linear model: the best of all choices, or of descents from several random starts.
 
     Args:
         rows: the model at each candidate, Float[candidates, coefficients].
@@ -64,19 +67,45 @@ def exchange(
     # in the coordinates of an orthonormal basis no column is small beside the others
     basis, triangle = np.linalg.qr(rows)
     shift = 2 * float(np.log(np.abs(np.diagonal(triangle))).sum())
-    random = np.random.default_rng(seed)
-    best: tuple[float, list[int]] | None = None
-    for _ in range(starts):
-        chosen = _start(basis, count, random, repeats=repeats)
-        value = _descend(basis, chosen, criterion, repeats=repeats)
-        if best is None or value < best[0] - LEAST_GAIN * abs(best[0]):
-            best = value, chosen
-    assert best is not None
-    chosen = sorted(best[1])
+    best = best_subset(
+        range(len(rows)), count, lambda each: _values(basis, each, criterion), count * basis.shape[1], repeats=repeats
+    )
+    chosen = sorted(_searched(basis, count, criterion, seed, starts, repeats=repeats) if best is None else best[1])
     moment = basis[chosen].T @ basis[chosen]
     log_det = float(np.linalg.slogdet(moment)[1])
     variance = float(np.einsum("ij,jk,ik->i", basis, np.linalg.inv(moment), basis).mean())
     return ExactDesign(tuple(chosen), log_det + shift, variance)
+
+
+def _values(basis: Float, chosen: Int, criterion: Criterion) -> Float:
+    """Return the criterion, which is least at the best, for several choices of points, Int[choices, points]."""
+    rows = basis[chosen]
+    moments = rows.transpose(0, 2, 1) @ rows
+    # of all points together M is the unit matrix: an eigenvalue of rounding is one of a singular M
+    regular = np.linalg.eigvalsh(moments)[:, 0] > RANK_TOLERANCE
+    values = np.full(len(chosen), np.inf)
+    if criterion == "D":
+        values[regular] = -np.linalg.slogdet(moments[regular])[1]
+    else:
+        inverses = np.linalg.inv(moments[regular])
+        values[regular] = np.trace(inverses @ (basis.T @ basis / len(basis)), axis1=1, axis2=2)
+    return values
+
+
+def _searched(basis: Float, count: int, criterion: Criterion, seed: int, starts: int, *, repeats: bool) -> list[int]:
+    """Return the best of several descents; of a small problem, until three of them ended at the best."""
+    random, best, value, times = np.random.default_rng(seed), list[int](), np.inf, 0
+    most = max(starts, MOST_STARTS) if count * len(basis) <= SMALL else starts
+    for number in range(most):
+        if number >= starts and times >= BEST_TIMES:
+            break
+        chosen = _start(basis, count, random, repeats=repeats)
+        own = _descend(basis, chosen, criterion, repeats=repeats)
+        if not best or own < value - LEAST_GAIN * abs(value):
+            best, value, times = chosen, own, 1
+        elif own <= value + LEAST_GAIN * abs(value):
+            times += 1
+    return best
 
 
 def _require_enough(rows: Float, count: int, *, repeats: bool) -> None:

@@ -13,8 +13,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from kennfeld.base.arrays import Float
+from kennfeld.base.arrays import Float, Int
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.design.subsets import best_subset
 
 ROUNDS = 2  # passes of exchanges, of which the first finds nearly all that is to be found
 LEAST_GAIN = 1e-9
@@ -75,10 +76,30 @@ class PointSearch:
             factors.append(float(np.sqrt(max(state.mean, 0.0))))
             if stop(PointChoice(tuple(chosen), np.array(factors))):
                 return PointChoice(tuple(chosen), np.array(factors))
-        for _ in range(rounds if count <= candidates else 0):
+        if rounds and count <= candidates and not self._repeats:
+            chosen = self._improved(state, chosen, rounds, stop)
+        return self._ordered(chosen) if rounds else PointChoice(tuple(chosen), np.array(factors))
+
+    def _improved(self, state: "_CandidateState", chosen: list[int], rounds: int, stop: Stop) -> list[int]:
+        """Return the best of all choices of as many points, or, of many, what exchanges find."""
+        candidates, values = len(self._rows), len(self._inverse)
+        width = (len(chosen) * self._rows.shape[1]) ** 2 + values * len(chosen) * self._rows.shape[1]
+        best = best_subset(range(candidates), len(chosen), self._means, width) if chosen else None
+        if best is not None:
+            return best[1] if best[0] < state.mean * (1 - LEAST_GAIN) else chosen
+        for _ in range(rounds):
             if not self._exchange(state, chosen, stop):
                 break
-        return self._ordered(chosen) if rounds else PointChoice(tuple(chosen), np.array(factors))
+        return chosen
+
+    def _means(self, chosen: Int) -> Float:
+        """Return the mean of the variances relative to those before, Float[choices], of Int[choices, points]."""
+        rows = self._rows[chosen].reshape(len(chosen), -1, len(self._inverse))
+        reach = rows @ self._inverse  # J H^-1 of all points together
+        effects = reach @ self._functions.T
+        gains = np.linalg.solve(reach @ rows.transpose(0, 2, 1) + np.eye(rows.shape[1]), effects)
+        relative = np.einsum("kof,kof->kf", effects, gains) / np.maximum(self.before, 1e-300)
+        return np.asarray(1 - relative.mean(axis=1))
 
     def _best(self, state: "_CandidateState", chosen: list[int]) -> int:
         gains = state.gains()

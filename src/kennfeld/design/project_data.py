@@ -4,6 +4,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
+from kennfeld.base.arrays import Bool
 from kennfeld.base.errors import Finding, InputError, Location
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.design.fitted_function import FittedFunction
@@ -15,6 +18,7 @@ from kennfeld.optimize.search.multistart import run
 from kennfeld.preprocessing.recipe import DatasetEntry
 from kennfeld.preprocessing.recordings import find_recordings
 from kennfeld.project import Project
+from kennfeld.project.recording_parameters import names_per_recording, recording_numbers
 
 CANDIDATES, USE = "candidates (--from)", "use of [design]"
 UNFINISHED = 1e-3  # share of the cost that a fit takes off, from which it is worth a remark
@@ -89,7 +93,17 @@ class ProjectData:
         if values is not None and result.cost_before - result.cost_after > UNFINISHED * result.cost_after:
             message = f"the values were fitted further first: cost {result.cost_before:.4g} -> {result.cost_after:.4g}"
             findings.append(Finding(Location("design"), message, severity="remark"))
-        return FittedFunction.of(result), tuple(findings)
+        return FittedFunction.of(result, self._of_new_recordings()), tuple(findings)
+
+    def _of_new_recordings(self) -> dict[str, Bool]:
+        """Return by parameter with a value for each recording those of the candidates, which the fit holds."""
+        numbers = recording_numbers(self.candidates)
+        names = names_per_recording(self.project.file) & self.problem.parameters.keys()
+        return {
+            name: np.isin(self.problem.parameters[name].axes[0].breakpoints, numbers)
+            for name in names
+            if self.problem.parameters[name].axes
+        }
 
 
 def _entry(first: DatasetEntry, name: str, files: tuple[str, ...]) -> DatasetEntry:

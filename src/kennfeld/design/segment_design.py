@@ -1,17 +1,19 @@
 """Choice of the pieces of recordings to drive next, and of the recordings that add nothing."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from kennfeld.base.arrays import Float
-from kennfeld.base.errors import Findings, InputError, Location
+from kennfeld.base.errors import Finding, Findings, InputError, Location
 from kennfeld.base.formatting import count_noun, join_names
 from kennfeld.design.candidate_data import CandidateData
-from kennfeld.design.coverage import never
+from kennfeld.design.coverage import Stop, WeightedCoverage, never
 from kennfeld.design.design_result import ChosenSegment, Design, Watch, stopped_early
 from kennfeld.design.fitted_function import FittedFunction
 from kennfeld.design.information import Information
+from kennfeld.design.limits_of_design import beyond_axes
+from kennfeld.design.measured_kinds import kind_of, measured_kinds
 from kennfeld.design.open_directions import (
     SETTLED,
     amount_of,
@@ -19,13 +21,14 @@ from kennfeld.design.open_directions import (
     open_directions,
     reduced_functions,
 )
-from kennfeld.design.predicted_estimate import deviations
+from kennfeld.design.predicted_estimate import describe_range, deviation_range, deviations
 from kennfeld.design.segments import RecordedSegment, cut_files, cut_segments, owners
 from kennfeld.design.value_text import ValueNames
 from kennfeld.domain.dataset import Dataset
 from kennfeld.graph.external_function import is_sequential
 
 PLACE = Location("design")
+BEYOND, MOST_BEYOND = 0.05, 0.05  # of an axis, and share of the samples that may be as far beyond its ends
 ADDS_NOTHING = 1.05  # mean variance over the use without recordings that add nothing, relative to that with all
 
 
@@ -56,6 +59,10 @@ def design_segments(
     """
     findings = Findings()
     timed = [data for data in candidates if data.time is not None]
+    if not timed:
+        names = join_names([data.name for data in candidates])
+        remedy = "Name the time channel `time`, or ask for points with n."
+        raise InputError.of(PLACE, f"{names} has no time stamps, so that there are no segments", remedy)
     if len(timed) < len(candidates):
         untimed = join_names([data.name for data in candidates if data.time is None])
         findings.warning(PLACE, f"{untimed} has no time stamps, and is left out", "Name the time channel `time`.")
@@ -70,7 +77,10 @@ def design_segments(
     if not segments:
         message = f"no recording is as long as a segment of {length:g} s with its warm-up of {lead:.3g} s"
         raise InputError.of(PLACE, message, "Reduce length or warmup, or name other recordings with --from.")
-    information = Information.of(fitted, timed, owners(segments, timed), len(segments), use, seed)
+    segments = _without_gaps(fitted, segments, timed, findings)
+    measured = kind_of(measured_kinds(fitted, timed=True), timed).criteria
+    groups = owners(segments, timed)
+    information = Information.of(fitted, timed, groups, len(segments), use, seed, measured=measured)
     segments, information = _usable(segments, information, findings)
     if len(segments) < count:
         message = f"there are {count_noun(len(segments), 'segment')}, fewer than the {count} asked for"
@@ -81,8 +91,12 @@ def design_segments(
         own = [*chosen]
         names, gains = ValueNames(fitted), cover.gains(own)
         picked = [segments[number] for number in own]
-        data = CandidateData(fitted, [each.cut(timed[each.dataset]) for each in picked])
+        cut = [each.cut(timed[each.dataset]) for each in picked]
+        data = CandidateData(fitted, cut, measured=measured)
         added = data.curvature(fitted.values)
+        scatter = data.scatter(fitted.values, added)
+        after = deviations(fitted, (added, scatter))
+        least, most = deviation_range(fitted, after, data.curvature, seed)
         design = Design(
             segments=tuple(
                 ChosenSegment(each.file, each.begin, each.end, names.strongest(gain))
@@ -90,9 +104,12 @@ def design_segments(
             ),
             before=deviations(fitted),
             noise=dict(fitted.trust.noise),
-            after=deviations(fitted, (added, data.scatter(fitted.values, added))),
-            unsettled=tuple(describe_unsettled(fitted, added, "These segments")),
-            findings=known,
+            after=after,
+            least=least,
+            most=most,
+            sentences=tuple(describe_range(fitted, after, least, most)),
+            unsettled=tuple(describe_unsettled(fitted, added, scatter, "These segments")),
+            findings=(*known, *_beyond_axes(fitted, cut)),
             warmup=lead,
             factor=cover.of(own) / cover.of([]),
             course=tuple(cover.of(own[: number + 1]) / cover.of([]) for number in range(len(own))),
@@ -107,28 +124,75 @@ def _has_memory(fitted: FittedFunction) -> bool:
     return bool(graph.states) or any(is_sequential(node) for node in graph.nodes)
 
 
+def _without_gaps(
+    fitted: FittedFunction, segments: list[RecordedSegment], datasets: Sequence[Dataset], findings: Findings
+) -> list[RecordedSegment]:
+    """Return the segments without samples at which an input is missing, if the function has a memory.
+
+    Its states would start anew there, which would seem to tell of time constants.
+    """
+    if not _has_memory(fitted):
+        return segments
+    gaps = [np.ones(data.samples, dtype=bool) for data in datasets]
+    for gone, data in zip(gaps, datasets, strict=True):
+        gone[fitted.problem.bind(data).kept] = False
+    kept = [each for each in segments if not gaps[each.dataset][each.lead : each.last].any()]
+    remedy = "max_gap of a dataset, in s, bridges short gaps."
+    if not kept:
+        raise InputError.of(PLACE, "an input has no value somewhere in each segment", remedy)
+    if len(kept) < len(segments):
+        message = f"{count_noun(len(segments) - len(kept), 'segment')} left out, as an input has no value somewhere"
+        findings.warning(PLACE, message, remedy)
+    return kept
+
+
+def _beyond_axes(fitted: FittedFunction, chosen: Sequence[Dataset]) -> list[Finding]:
+    """Return a warning if inputs of chosen segments lie far beyond the axes of a table for a while."""
+    if not chosen:
+        return []
+    channels = fitted.problem.channels
+    names = [channels.get(name, name) for name in fitted.problem.model.graph.inputs]
+    columns = {name: np.concatenate([data[name].values[data.counting] for data in chosen]) for name in names}
+    share = float(beyond_axes(fitted.problem, columns, BEYOND).mean()) if columns else 0.0
+    if share < MOST_BEYOND:
+        return []
+    message = f"{100 * share:.0f} % of the samples of these segments lie beyond the axes of a table"
+    return [Finding(PLACE, message, "Lookups clip there.", severity="warning")]
+
+
 def _usable(
     segments: list[RecordedSegment], information: Information, findings: Findings
 ) -> tuple[list[RecordedSegment], Information]:
     """Return the segments at which the function has finite values and that say anything."""
-    usable = information.usable
+    finite, telling = information.usable, information.candidates.any(axis=(0, 2))
+    usable = finite & telling
     if usable.all():
         return segments, information
+    for left_out, reason, remedy in (
+        (~finite, "the function has no finite value there", "Check the inputs there."),
+        (finite & ~telling, "no value that may change has an effect there", "Check weights and inputs there."),
+    ):
+        if left_out.all():
+            raise InputError.of(PLACE, f"no segment can be chosen, as {reason}", remedy)
+        if left_out.any():
+            message = f"{count_noun(int(left_out.sum()), 'segment')} left out, as {reason}"
+            findings.warning(PLACE, message, remedy)
     if not usable.any():
-        raise InputError.of(PLACE, "the function has no finite value at any candidate", "Check their inputs.")
-    message = f"{count_noun(int(np.sum(~usable)), 'segment')} left out, as the function has no finite value there"
-    findings.warning(PLACE, message, "Check the inputs there.")
+        raise InputError.of(PLACE, "no segment says anything", "Check weights and inputs of the candidates.")
     kept = [segment for segment, good in zip(segments, usable, strict=True) if good]
     return kept, Information(information.known, information.candidates[:, usable], information.use, usable[usable])
 
 
-def describe_unsettled(fitted: FittedFunction, added: Float, measured: str) -> list[str]:
-    """Return a sentence for each undetermined direction of which a design leaves more than 0.9 of its deviation."""
+def describe_unsettled(fitted: FittedFunction, added: Float, scatter: Float, measured: str) -> list[str]:
+    """Return a sentence for each undetermined direction of which a design leaves more than 0.9 of its deviation.
+
+    Of what is measured, the Gauss-Newton matrix and the variance of the gradient are needed, Float[free, free] each.
+    """
     directions = open_directions(fitted)
     if not directions:
         return []
     functions = reduced_functions(fitted, [amount_of(fitted, direction) for direction in directions])
-    factors = factors_with(fitted, functions, added)
+    factors = factors_with(fitted, functions, *map(fitted.estimate.reduction.matrix, (added, scatter)))
     return [
         f"{direction.sentence} {measured} leave {factor:.2f} of its deviation."
         for direction, factor in zip(directions, factors.tolist(), strict=True)
@@ -189,7 +253,27 @@ def reduce_recordings(
     def without(gone: Sequence[int]) -> float:
         return cover.of([number for number in range(len(files)) if number not in gone])
 
-    return designed(cover.drop(last, exchange=keep is not None, stop=stop))
+    dropped = cover.drop(last, exchange=keep is not None, stop=stop)
+    if keep is None and len(dropped) == len(files) - last:
+        dropped = _useless(cover, len(files), dropped, ADDS_NOTHING * everything, stop)
+        return _without(fitted, recordings, files, dropped, everything)
+    return designed(dropped)
+
+
+def _useless(
+    cover: WeightedCoverage, count: int, dropped: Sequence[tuple[int, float]], most: float, stop: Stop
+) -> list[tuple[int, float]]:
+    """Return as many recordings as can go if the variance may rise to `most`.
+
+    Those that are missed least one by one need not be those that are missed least together: exchanges may let more go.
+    """
+    useless = [each for each in dropped if each[1] <= most]
+    while len(useless) < count - 1:
+        more = cover.drop(count - len(useless) - 1, exchange=True, stop=stop)
+        if len(more) <= len(useless) or more[-1][1] > most:
+            break
+        useless = more
+    return useless
 
 
 def _without(
@@ -210,6 +294,7 @@ def _without(
     """
     numbers = [number for number, _ in dropped]
     sentences = _predicted_loss(files, dropped, everything)
+    after, least, most = _deviations_without(fitted, recordings, [files[number] for number in numbers])
     gone = np.array([segment.last - segment.first for segment in files])[numbers].sum()
     total = sum(segment.last - segment.first for segment in files)
     sentences.append(
@@ -219,8 +304,10 @@ def _without(
         drop=tuple(files[number].file for number in numbers),
         before=deviations(fitted),
         noise=dict(fitted.trust.noise),
-        after=_deviations_without(fitted, recordings, [files[number] for number in numbers]),
-        sentences=tuple(sentences),
+        after=after,
+        least=least,
+        most=most,
+        sentences=(*sentences, *describe_range(fitted, after, least, most)),
         factor=(dropped[-1][1] if dropped else everything) / everything,
     )
 
@@ -252,10 +339,11 @@ def _predicted_loss(
 
 def _deviations_without(
     fitted: FittedFunction, recordings: Sequence[Dataset], gone: Sequence[RecordedSegment]
-) -> "dict[str, Float]":
-    """Return the deviations once recordings are gone, by subtracting what they tell at the fit."""
+) -> tuple[Mapping[str, Float], Mapping[str, Float], Mapping[str, Float]]:
+    """Return the deviations once recordings are gone, by subtracting what they tell, with their least and greatest."""
     if not gone:
-        return dict(deviations(fitted))
+        return deviations(fitted), {}, {}
     removed = CandidateData(fitted, [segment.cut(recordings[segment.dataset]) for segment in gone], recorded=True)
     curvature = removed.curvature(fitted.values)
-    return dict(deviations(fitted, (-curvature, -removed.scatter(fitted.values, curvature))))
+    after = deviations(fitted, (-curvature, -removed.scatter(fitted.values, curvature)))
+    return after, *deviation_range(fitted, after, lambda values: -removed.curvature(values))

@@ -499,15 +499,6 @@ def test_signals_of_scopes_are_the_outputs_of_a_model_without_others(tmp_path):
     np.testing.assert_array_equal(outputs["Thrice"], 3 * U)
 
 
-def test_a_model_that_shows_nothing_is_refused(tmp_path):
-    drawn = Model(step="0.1", solver="FixedStepDiscrete")
-    drawn.inport("u")
-    drawn.block("Gain", "Twice", Gain="2")
-    drawn.chain("u", "Twice")
-    with pytest.raises(InputError, match="no outport and no block that records"):
-        imported(drawn, tmp_path)
-
-
 @pytest.mark.parametrize("port", [{"OutDataTypeStr": "Bus: Engine"}, {}])
 def test_the_signals_of_a_bus_from_outside_are_inputs_by_their_names(port, tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")

@@ -110,3 +110,50 @@ def test_elements_at_a_subsystem_that_runs_several_times_are_refused(tmp_path):
     inner.block("ForIterator", "For", ports=(0, 1), IterationLimit="3")
     with pytest.raises(InputError, match="unsupported: a bus element port of an iterated subsystem"):
         imported(model, tmp_path)
+
+
+def test_a_bus_at_a_block_that_takes_none_is_a_vector(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.block("BusCreator", "C", Inputs="2", ports=(2, 1))
+    drawn.between(["a", "b"], "C")
+    drawn.block("Gain", "G", ports=(1, 1), Gain="[2 3]")
+    drawn.outport("y")
+    drawn.chain("C", "G", "y")
+    model = imported(drawn, tmp_path)
+    outputs = run(model, {"a": [1.0, 2.0], "b": [5.0, 7.0]})
+    assert (outputs["y[1]"].tolist(), outputs["y[2]"].tolist()) == ([2.0, 4.0], [15.0, 21.0])
+    assert any("G takes the bus at its input 1 as a vector" in str(remark) for remark in model.remarks)
+
+
+def test_a_bus_of_buses_is_no_vector(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.block("BusCreator", "C", Inputs="2", ports=(2, 1))
+    drawn.between(["a", "b"], "C")
+    drawn.block("BusCreator", "D", Inputs="2", ports=(2, 1))
+    drawn.line("C", "D:1", name="inner")
+    drawn.line("a", "D:2")
+    drawn.block("Gain", "G", ports=(1, 1), Gain="2")
+    drawn.outport("y")
+    drawn.chain("D", "G", "y")
+    with pytest.raises(InputError, match="its input 1 is a bus"):
+        imported(drawn, tmp_path)
+
+
+@pytest.mark.parametrize(("shape", "row"), [("[1 2]", True), ("[2 1]", False), ("2", False)])
+def test_a_bus_with_a_row_is_a_row(shape, row, tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("a")
+    drawn.inport("b", PortDimensions=shape)
+    drawn.block("BusCreator", "C", Inputs="2", ports=(2, 1))
+    drawn.line("a", "C:1")
+    drawn.line("b", "C:2")
+    drawn.block("Constant", "K", ports=(0, 1), Value="[1; 10; 100]" if row else "[1 10 100]", VectorParams1D="off")
+    drawn.block("Product", "P", ports=(2, 1), Multiplication="Matrix(*)", Inputs="2")
+    drawn.line("K", "P:1")
+    drawn.line("C", "P:2")
+    drawn.outport("y")
+    drawn.line("P", "y")
+    outputs = run(imported(drawn, tmp_path), {"a": [2.0], "b[1]": [3.0], "b[2]": [5.0]})
+    product = np.outer([1, 10, 100], [2, 3, 5]).ravel(order="F") if row else [532.0]
+    names = [f"y[{k + 1}]" for k in range(9)] if row else ["y"]
+    assert [outputs[name].item() for name in names] == list(product)

@@ -465,3 +465,24 @@ def test_a_chart_may_be_imported_by_itself(tmp_path):
     model = simulink(path, "C")
     assert (model.graph.inputs, model.graph.outputs) == (("u",), ("y",))
     np.testing.assert_array_equal(run(model, {"u": [0, 1, 0, -1.0]})["y"], [0, 1, 1, 0])
+
+
+def test_data_and_states_of_a_chart_without_outputs_are_the_results(tmp_path):
+    io = [("u", "INPUT_DATA"), ("n", "LOCAL_DATA")]
+    chart = Chart(
+        {"Off": "Off", "On": "On\nentry: n = n + 1;"},
+        [("", "Off", ""), ("Off", "On", "[u > 0.5]"), ("On", "Off", "[u < -0.5]")],
+        io,
+    )
+    model = imported(drawn_chart(chart, ("u",), ()), tmp_path)
+    assert model.graph.outputs == ("C/n", "C/Off", "C/On")
+    expected, state, count = [], "Off", 0
+    for step, u in enumerate(U):
+        # the first step enters the chart by its default transition
+        if step and state == "Off" and u > 0.5:
+            state, count = "On", count + 1
+        elif step and state == "On" and u < -0.5:
+            state = "Off"
+        expected.append((count, state == "Off", state == "On"))
+    values = run(model, {"u": U})
+    np.testing.assert_array_equal(np.transpose([values[name] for name in model.graph.outputs]), expected)

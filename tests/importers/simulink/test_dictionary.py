@@ -185,3 +185,26 @@ def test_a_table_object_keeps_the_limits_and_the_unit_of_its_table(tmp_path):
     lookup_table = imported(drawn, tmp_path, parameters=[tmp_path / "data.sldd"]).values["Eta"]
     np.testing.assert_array_equal([lookup_table.lower, lookup_table.upper], [[0.0, 0.0], [8.0, 8.0]])
     assert lookup_table.unit == "Nm"
+
+
+@pytest.mark.parametrize(
+    ("scaling", "stored", "expected"),
+    [
+        ({"FixedExponent": 0.0}, 'Class="int32">-7', [[-7.0]]),
+        ({"FixedExponent": -4.0, "SlopeAdjustmentFactor": 1.5, "Bias": 2.0}, 'Class="uint8">16', [[3.5]]),
+        ({"FixedExponent": 1.0}, 'Class="int16" Dimension="1*2">1 -2', [[2.0, -4.0]]),
+    ],
+)
+def test_fixed_point_objects_have_their_physical_values(scaling, stored, expected, tmp_path):
+    fields = {"DataType": "Fixed", "WordLength": 32.0, "SlopeAdjustmentFactor": 1.0, "Bias": 0.0, **scaling}
+    value = thing("embedded.fi", **fields, intarray=f'<P Name="intarray" {stored}</P>')
+    (tmp_path / "fixed.sldd").write_bytes(sldd({"K": value}))
+    assert read_dictionary(tmp_path / "fixed.sldd").data.entries["K"].value.tolist() == expected
+
+
+@pytest.mark.parametrize(("field", "why"), [({"WordLength": 64.0}, "64 bits"), ({"DataType": "double"}, "double")])
+def test_fixed_point_objects_of_another_kind_are_unreadable(field, why, tmp_path):
+    fields = {"DataType": "Fixed", "WordLength": 32.0, "FixedExponent": 0.0, "SlopeAdjustmentFactor": 1.0, "Bias": 0.0}
+    value = thing("embedded.fi", **{**fields, **field}, intarray='<P Name="intarray" Class="int32">1</P>')
+    (tmp_path / "fixed.sldd").write_bytes(sldd({"K": value}))
+    assert why in read_dictionary(tmp_path / "fixed.sldd").data.unreadable["K"]

@@ -393,6 +393,16 @@ def test_an_integrator_rests_at_its_limits(tmp_path):
         x = np.clip(x + T * one, -0.3, 0.3)
 
 
+def test_a_wrapped_integrator_goes_on_at_the_other_end_of_its_range(tmp_path):
+    drawn = alone("Integrator", WrapState="on", WrappedStateUpperValue="180", WrappedStateLowerValue="-180",
+                  InitialCondition="170", model=Model(solver="ode3", step="0.1"))  # fmt: skip
+    u = np.array([150.0] * 8 + [-900.0] * 8)
+    output = run(imported(drawn, tmp_path), {"u1": u})["y1"]
+    turned = 170 + np.concatenate([[0], np.cumsum(u * T)])[:-1]
+    np.testing.assert_allclose(output, (turned + 180) % 360 - 180, atol=1e-10)
+    assert (np.abs(np.diff(output)) > 180).sum() == 3
+
+
 def test_an_integrator_is_reset_to_its_external_initial_value(tmp_path):
     drawn = alone("Integrator", 3, InitialConditionSource="external", ExternalReset="rising",
                   model=Model(solver="ode1", step="0.1"))  # fmt: skip
@@ -651,7 +661,7 @@ def test_an_integrator_in_an_enabled_subsystem_stands_still(tmp_path):
 def test_unsupported_settings_are_reported(tmp_path):
     for kind, options, reason in (
         ("Lookup_n-D", {"NumberOfTableDimensions": "1", "InterpMethod": "Lagrange"}, "InterpMethod 'Lagrange'"),
-        ("Integrator", {"WrapState": "on"}, "WrapState is on"),
+        ("Integrator", {"WrapState": "on", "LimitOutput": "on"}, "its state is wrapped and has limits"),
         ("SwitchCase", {"CaseConditions": "{1, Mode.idle}"}, "variable Mode.idle: undefined"),
         ("SignalGenerator", {"WaveForm": "random"}, "its wave form 'random'"),
     ):

@@ -95,7 +95,7 @@ def test_the_axes_of_a_table_that_is_undefined_are_reported_with_it(tmp_path):
 @pytest.mark.parametrize(
     ("sink", "sentence"),
     [
-        ("Terminator", "it has no outputs"),
+        ("Terminator", "all outputs can be calibrated"),
         ("Scope", "it has no outport: its outputs, what T gets, can be calibrated"),
         ("ToWorkspace", "it has no outport: its outputs, what T gets, can be calibrated"),
         ("Outport", "all outputs can be calibrated"),

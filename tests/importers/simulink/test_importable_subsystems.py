@@ -174,14 +174,6 @@ def test_a_solver_that_needs_too_many_operations_stops_the_whole_alone(tmp_path,
     assert [one.path for one in report.subsystems] == ["Part"]
 
 
-def test_a_model_without_outputs_names_its_subsystems(tmp_path):
-    drawn = Model(step="0.1", solver="FixedStepDiscrete")
-    chain(drawn.subsystem("Part"), 2, 3)
-    report = inspect_simulink(drawn.write(tmp_path))
-    assert "it has no outport" in str(report.findings[0])
-    assert [one.path for one in report.subsystems] == ["Part"]
-
-
 def test_the_command_explains_why_a_script_gives_a_variable_no_value(tmp_path, capsys):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     chain(drawn, "k")

@@ -1,4 +1,4 @@
-"""Outputs of a model: outports, else recorded signals, else displayed ones."""
+"""Outputs of a model: outports, else recorded signals, else displayed ones, else those that lead nowhere."""
 
 import numpy as np
 import pytest
@@ -27,6 +27,15 @@ def doubled(*, scope=True):
         drawn.block("Display", "Again", ports=(1, 0))
         drawn.line("In", "Shown:1", name="double")
         drawn.line("Thrice", "Shown:2", "Again")
+    return drawn
+
+
+def thrice():
+    """A gain of 3 whose output is not connected."""
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.block("Gain", "Thrice", ports=(1, 1), Gain="3")
+    drawn.line("u", "Thrice")
     return drawn
 
 
@@ -77,6 +86,82 @@ def test_a_display_of_an_unsupported_signal_is_left_out(tmp_path):
     assert [(one.path, one.stops) for one in result.report.unsupported] == [("Sync", False)]
 
 
+@pytest.mark.parametrize("kind", ["Record", "SpectrumAnalyzer"])
+def test_plots_and_recorders_show_signals_as_scopes_do(kind, tmp_path):
+    drawn = doubled(scope=False)
+    drawn.block(kind, "Plot", ports=(1, 0))
+    drawn.line("Thrice", "Plot")
+    assert imported(drawn, tmp_path).graph.outputs == ("Thrice",)
+
+
+def test_without_displays_the_signals_that_lead_nowhere_are_the_outputs(tmp_path):
+    drawn = thrice()
+    drawn.block("Demux", "Parts", ports=(1, 2), Outputs="2")
+    drawn.block("Mux", "Both", ports=(2, 1), Inputs="2")
+    drawn.block("Gain", "Half", ports=(1, 1), Gain="0.5")
+    drawn.block("Terminator", "T", ports=(1, 0))
+    drawn.line("u", "Both:1")
+    drawn.line("Thrice", "Both:2")
+    drawn.line("Both", "Parts")
+    drawn.line("Parts:2", "Half")
+    drawn.line("Half", "T", name="half")
+    drawn.block("Constant", "Unused", ports=(0, 1))
+    result = import_simulink(drawn.write(tmp_path, "slx parts"))
+    assert result.model is not None
+    assert result.model.graph.outputs == ("Parts:1", "half")
+    np.testing.assert_array_equal(run(result.model, {"u": U})["Parts:1"], U)
+    np.testing.assert_array_equal(run(result.model, {"u": U})["half"], 1.5 * U)
+    (remark,) = [text for text in result.report.substitutions if "open ends" in text]
+    assert remark.endswith("the outputs are the open ends of Parts, Half")
+
+
+def test_the_driver_of_a_pin_ends_a_signal(tmp_path):
+    drawn = thrice()
+    drawn.link("Pin", "boards/PWM Output", "", ports=(1, 0))
+    drawn.line("Thrice", "Pin")
+    result = import_simulink(drawn.write(tmp_path, "slx parts"))
+    assert result.model is not None
+    assert result.model.graph.outputs == ("Thrice",)
+    assert [(one.path, one.stops) for one in result.report.unsupported] == [("Pin", False)]
+
+
+@pytest.mark.parametrize("read", [False, True])
+def test_a_data_store_ends_a_signal_unless_it_is_read(read, tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.block("DataStoreMemory", "M", DataStoreName="A")
+    drawn.block("Gain", "Twice", ports=(1, 1), Gain="2")
+    drawn.block("DataStoreWrite", "W", ports=(1, 0), DataStoreName="A", Priority="1")
+    drawn.chain("u", "Twice", "W")
+    if read:
+        drawn.block("DataStoreRead", "R", ports=(0, 1), DataStoreName="A", Priority="2")
+        drawn.block("Gain", "Again", ports=(1, 1), Gain="3")
+        drawn.line("R", "Again")
+    model = imported(drawn, tmp_path)
+    assert model.graph.outputs == (("Again",) if read else ("Twice",))
+    np.testing.assert_array_equal(run(model, {"u": U})[model.graph.outputs[0]], (6 if read else 2) * U)
+
+
+def test_a_subsystem_that_is_the_only_block_has_its_ports(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    inner = drawn.subsystem("Torque")
+    inner.inport("speed")
+    inner.block("Gain", "Factor", ports=(1, 1), Gain="2")
+    inner.outport("torque")
+    inner.chain("speed", "Factor", "torque")
+    result = import_simulink(drawn.write(tmp_path, "slx parts"))
+    assert result.model is not None
+    assert (result.model.graph.inputs, result.model.graph.outputs) == (("speed",), ("torque",))
+    np.testing.assert_array_equal(run(result.model, {"speed": U})["torque"], 2 * U)
+    assert [str(remark) for remark in result.report.remarks] == [
+        "Torque: it is the only block and not connected: its ports are the inputs and outputs"
+    ]
+
+
 def test_a_model_without_outputs_is_reported(tmp_path):
-    with pytest.raises(InputError, match="no outport and no block that records"):
-        imported(doubled(scope=False), tmp_path)
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.block("Terminator", "T", ports=(1, 0))
+    drawn.line("u", "T")
+    with pytest.raises(InputError, match="no outport and no signal that could be an output"):
+        imported(drawn, tmp_path)

@@ -244,3 +244,29 @@ def test_a_timeseries_is_a_recording_in_a_workspace_and_in_a_file(unit, scale, v
     np.testing.assert_allclose(run(model, samples=COUNT)["y1"], expected, atol=1e-9)
     model = imported(alone("FromFile", 0, FileName="s.mat"), tmp_path)
     np.testing.assert_allclose(run(model, samples=COUNT)["y1"], expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("library", ["arduinolib", "stm32f4xxblockslib", "mbedblockslib", "sldrtlib", "c2837xDlib"])
+def test_what_hardware_reads_is_an_input(library, tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.link("Pot", f"{library}/Analog Input", "", ports=(0, 1))
+    drawn.link("LED", f"{library}/Digital Output", "", ports=(1, 0))
+    drawn.block("Gain", "Twice", ports=(1, 1), Gain="2")
+    drawn.chain("Pot", "Twice", "LED")
+    result = import_simulink(drawn.write(tmp_path, "slx parts"))
+    assert result.model is not None
+    assert (result.model.graph.inputs, result.model.graph.outputs) == (("Pot",), ("Twice",))
+    assert run(result.model, {"Pot": [1.0, 2.0]})["Twice"].tolist() == [2.0, 4.0]
+    assert "Pot is the input Pot of the model: it reads hardware" in str(result.report.remarks[0])
+
+
+@pytest.mark.parametrize("block", ["I2C Transfer", "Audio Input", "Serial Receive"])
+def test_hardware_that_answers_an_input_or_receives_frames_is_not_supported(block, tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    answers = block == "I2C Transfer"
+    drawn.link("Bus", f"arduinolib/{block}", "", ports=(int(answers), 1))
+    drawn.outport("y")
+    drawn.chain(*(["u"] if answers else []), "Bus", "y")
+    with pytest.raises(InputError, match="it drives hardware, by the library arduinolib"):
+        imported(drawn, tmp_path)

@@ -8,6 +8,7 @@ import pytest
 from kennfeld.base.errors import InputError
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Scalar
+from kennfeld.importers.simulink.blocks import continuous
 from kennfeld.importers.simulink.flattening.flat_model import DataStoreOrder, FlatBlock
 from kennfeld.importers.simulink.importing import import_simulink
 from kennfeld.importers.simulink.reader.document import read_document
@@ -271,11 +272,28 @@ def test_a_data_store_of_a_signal_object_without_a_value_starts_at_0(tmp_path):
     assert [outputs["z[1]"][0], outputs["z[2]"][0]] == [0.0, 0.0]
 
 
-def test_a_data_store_without_a_memory_is_reported(tmp_path):
+def test_a_data_store_outside_of_the_model_that_is_only_read_is_an_input(tmp_path):
+    drawn = alone("Gain", Gain="2")
+    for at in range(2):
+        drawn.block("DataStoreRead", f"R{at}", ports=(0, 1), DataStoreName="outside")
+        drawn.outport(f"z{at}")
+        drawn.line(f"R{at}", f"z{at}")
+    model = imported(drawn, tmp_path)
+    assert model.graph.inputs == ("u1", "outside")
+    outputs = run(model, {"u1": [1.0, 1.0], "outside": [3.0, 4.0]})
+    assert outputs["z0"].tolist() == outputs["z1"].tolist() == [3.0, 4.0]
+    assert "R0 reads the data store outside, which is not in the model: it is the input outside" in map(
+        str, model.remarks
+    )
+
+
+def test_a_data_store_without_a_memory_that_is_written_is_reported(tmp_path):
     drawn = alone("Gain")
     drawn.block("DataStoreRead", "R", ports=(0, 1), DataStoreName="lost")
+    drawn.block("DataStoreWrite", "W", ports=(1, 0), DataStoreName="lost")
     drawn.outport("z")
     drawn.line("R", "z")
+    drawn.line("B", "W")
     with pytest.raises(InputError, match="data store lost not found"):
         imported(drawn, tmp_path)
 
@@ -318,10 +336,24 @@ def test_a_transport_delay_is_a_pipe_that_takes_its_time(tmp_path):
     assert set(output[entered < 0]) == {-5.0}
 
 
-def test_the_error_for_a_too_long_delay_explains_how_to_shorten_it(tmp_path):
-    with pytest.raises(InputError, match="MaximumDelay of 900 s is 9000 steps") as caught:
-        imported(delayed("Variable time delay", "900"), tmp_path)
-    assert '"B:MaximumDelay"' in str(caught.value)
+@pytest.mark.parametrize("kind", ["Variable time delay", "Variable transport delay"])
+def test_a_delay_beyond_the_most_steps_is_unknown(kind, tmp_path, monkeypatch):
+    monkeypatch.setattr(continuous, "_MAX_STATES", 5)
+    model = imported(delayed(kind, "0.9"), tmp_path)
+    (remark,) = [str(remark) for remark in model.remarks if "MaximumDelay" in str(remark)]
+    assert "B is NaN while its delay exceeds 0.5 s: its MaximumDelay of 0.9 s is 9 steps" in remark
+    whole = imported(delayed(kind, "0.4"), tmp_path)
+    for time in (0.3, 0.8):
+        columns = {"u1": U, "u2": np.full(30, time)}
+        output, at = run(model, columns)["y1"], round(10 * time)
+        np.testing.assert_array_equal(output[:at], -5.0)
+        if time == 0.3:
+            np.testing.assert_array_equal(output, run(whole, columns)["y1"])
+        else:
+            assert np.isnan(output[at + 1 :]).all()
+
+
+def test_a_shorter_delay_needs_fewer_states(tmp_path):
     model = imported(delayed("Variable time delay", "900"), tmp_path, parameters=[{"B:MaximumDelay": 0.5}])
     assert len(model.graph.states) == 5
 

@@ -117,3 +117,19 @@ def test_a_product_of_quaternions_multiplies_their_matrices(tmp_path):
 def test_what_is_not_known_is_refused(drawn, message, tmp_path):
     with pytest.raises(InputError, match=message):
         imported(drawn, tmp_path)
+
+
+@pytest.mark.parametrize("mode", ["Discrete", "Continuous"])
+def test_a_sine_wave_of_the_dsp_library_is_sampled_if_it_is_discrete(mode, tmp_path):
+    fields = {"Amplitude": "2", "Frequency": "0.7", "Phase": "0.3", "SampleTime": "0.2", "SampleMode": mode}
+    values = run(imported(linked("dspsrcs4/Sine Wave", 0, **fields), tmp_path), samples=20)["y"]
+    time = 0.1 * np.arange(20) if mode == "Continuous" else 0.2 * (np.arange(20) // 2)
+    np.testing.assert_allclose(values, 2 * np.sin(2 * np.pi * 0.7 * time + 0.3), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("fields", "why"), [({"SamplesPerFrame": "12"}, "a frame of 12"), ({"OutComplex": "Complex"}, "'Complex'")]
+)
+def test_frames_and_complex_sines_are_refused(fields, why, tmp_path):
+    with pytest.raises(InputError, match=why):
+        imported(linked("dspsrcs4/Sine Wave", 0, **fields), tmp_path)

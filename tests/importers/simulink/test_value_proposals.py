@@ -146,3 +146,17 @@ def test_many_undefined_variables_are_one_finding_beyond_the_first(tmp_path):
     findings = import_simulink(drawn.write(tmp_path)).report.findings
     assert len(findings) == 7
     assert str(findings[-1]).startswith("variable K6: undefined, as are K7, K8,")
+
+
+def test_the_file_that_declares_a_data_store_is_proposed(tmp_path):
+    drawn = alone("Gain")
+    drawn.block("DataStoreRead", "R", ports=(0, 1), DataStoreName="held")
+    drawn.block("DataStoreWrite", "W", ports=(1, 0), DataStoreName="held")
+    drawn.line("B", "W")
+    drawn.outport("z")
+    drawn.line("R", "z")
+    write(tmp_path, stores="held = Simulink.Signal; held.InitialValue = '3';", other="K = 1;")
+    path = drawn.write(tmp_path, "slx parts")
+    (proposal,) = import_simulink(path).report.proposals
+    assert (proposal.path.name, proposal.names) == ("stores.m", ("held",))
+    assert import_simulink(path, parameters=[tmp_path / "stores.m"]).report.whole

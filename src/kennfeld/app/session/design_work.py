@@ -16,7 +16,8 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.design.api import ProjectDesign, Request, made_design
 from kennfeld.design.design_result import Design
 from kennfeld.design.fitted_function import FittedFunction
-from kennfeld.design.point_design import point_kinds, points_dataset
+from kennfeld.design.measured_kinds import measured_kinds
+from kennfeld.design.point_design import points_dataset
 from kennfeld.design.segments import cut_segments
 from kennfeld.domain.dataset import Dataset
 from kennfeld.domain.parameter_set import ParameterSet
@@ -189,7 +190,7 @@ def _chosen(proposed: ProjectDesign, length: float) -> list[tuple[Dataset, int]]
     """Return each chosen segment as a dataset with the samples of its warm-up, or all chosen points as one."""
     design, fitted = proposed.design, proposed.fitted
     if design.run is not None and fitted is not None:
-        return [(points_dataset(design.run.columns, point_kinds(fitted)[0]), 0)]
+        return [(points_dataset(design.run.columns, measured_kinds(fitted)[0]), 0)]
     if not design.segments:
         return []
     timed = [data for data in proposed.candidates if data.time is not None]

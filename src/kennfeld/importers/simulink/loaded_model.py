@@ -1,6 +1,6 @@
 """A model file that has been read, with links resolved and variables collected."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
@@ -11,6 +11,7 @@ from kennfeld.importers.simulink.flattening.active_blocks import active_content
 from kennfeld.importers.simulink.flattening.flat_model import FlatModel
 from kennfeld.importers.simulink.flattening.flatten import flatten, standalone_system
 from kennfeld.importers.simulink.lowering.registry import maskable_types, opaque_mask_types
+from kennfeld.importers.simulink.open_signals import with_open_ends, with_ports_of_only_block
 from kennfeld.importers.simulink.reader.document import read_document
 from kennfeld.importers.simulink.reader.library_links import LibraryResolver
 from kennfeld.importers.simulink.reader.model_tree import ModelBlock, ModelDocument, System, join_path, split_path
@@ -48,14 +49,14 @@ class LoadedModel:
         """Read a file and collect its variables; raise `InputError` if it cannot be read."""
         parameters, folders = tuple(parameters), tuple(folders)
         resolved = LibraryResolver(folders).resolve(read_document(path))
-        document = resolved.document
+        document, only = with_ports_of_only_block(resolved.document)
         named = tuple(Path(source) for source in parameters if isinstance(source, str | Path))
         search = FileSearch(tuple(map(Path, folders)), named)
         variables = collect_variables(document, parameters, search)
         models = {
             name: Scope(_visible_variables(document, variables, search)) for name, document in resolved.models.items()
         }
-        remarks = (*document.warnings, *resolved.problems, *variables.findings)
+        remarks = (*document.warnings, *resolved.problems, *variables.findings, *_alone(only))
         variables.update(model_properties(document, variables))
         files = FunctionFiles([Path(path).parent, *map(Path, folders)], named)
         return LoadedModel(Path(path), document, variables, models, remarks, files, search)
@@ -101,9 +102,18 @@ class LoadedModel:
     ) -> FlatModel:
         """Flatten one of its systems; raise `InputError` if it has too many blocks."""
         try:
-            return flatten(system, scope, cuts, opaque_mask_types(), self.models, maskable_types(), counts)
+            flat = flatten(system, scope, cuts, opaque_mask_types(), self.models, maskable_types(), counts)
         except OverflowError as error:
             raise InputError.of(Location(self.path.name), str(error)) from None
+        # the blocks of a library do not belong together
+        is_library = system is self.document.root and self.document.kind == "library"
+        return flat if is_library else with_open_ends(flat)
+
+
+def _alone(path: str) -> Iterator[Finding]:
+    if path:
+        message = "it is the only block and not connected: its ports are the inputs and outputs"
+        yield Finding(Location(path=path), message, severity="remark")
 
 
 def _visible_variables(document: ModelDocument, around: VariableTable, search: FileSearch) -> dict[str, Variable]:

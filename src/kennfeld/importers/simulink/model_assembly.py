@@ -6,6 +6,7 @@ from kennfeld.base.errors import Location
 from kennfeld.graph import CLOCK
 from kennfeld.importers.simulink.flattening.flat_model import RECORDING_TYPES, SINK_TYPES, FlatBlock, FlatModel
 from kennfeld.importers.simulink.lowering.compiler import BlockCompiler
+from kennfeld.importers.simulink.open_signals import open_ports
 from kennfeld.importers.simulink.reader.block_ports import port_label
 from kennfeld.importers.simulink.reader.dialog_words import match_word
 from kennfeld.importers.simulink.signals import Bus, leaf_signals
@@ -18,7 +19,8 @@ class NodeNames:
     """Names of nodes: `visible` nodes by name, `outputs` of outports, `units` and `locations` by name."""
 
     def __init__(self, compiler: BlockCompiler, flat: FlatModel) -> None:
-        self.compiler = compiler
+        self.compiler, self._flat = compiler, flat
+        self._ends = frozenset(flat.ends)
         self.visible: dict[str, int] = {}
         self.units: dict[str, str] = {}
         self.locations: dict[str, Location] = {}
@@ -26,7 +28,7 @@ class NodeNames:
         self._inputs = {node for name in compiler.inputs for node in [compiler.builder.input(name)]}
         outputs: list[str] = []
         for flat_block in flat.results:
-            for number, label in _results(flat_block) if compiler.outputs(flat_block) else ():
+            for number, label in self._results(flat_block) if compiler.outputs(flat_block) else ():
                 outputs += self._add(flat_block, number, label)
         self.outputs = tuple(dict.fromkeys(outputs))
         self._name_inner_signals(flat)
@@ -49,6 +51,26 @@ class NodeNames:
             waiting += args if op != "state" else (states[payload].init, states[payload].next)
         return needed
 
+    def _open_ports(self, flat: FlatBlock) -> list[int]:
+        """Return the outputs of a block that are results because they lead nowhere."""
+        return open_ports(self._flat, flat, len(self.compiler.outputs(flat))) if flat in self._ends else []
+
+    def _results(self, flat: FlatBlock) -> list[tuple[int, str]]:
+        """Return number and name of the signals of an outport, of a block that records or displays some, or of an end.
+
+        Outputs of a conditional subsystem have the name of their port.
+        """
+        if flat.type == "Outport":
+            return [(0, port_label(flat.block))]
+        if flat in self._ends:
+            several = len(self.compiler.outputs(flat)) > 1
+            names = [(port, flat.output_names.get(port, "").strip("<>")) for port in self._open_ports(flat)]
+            return [(port, name or (f"{flat.path}:{port + 1}" if several else flat.path)) for port, name in names]
+        if flat.type in RECORDING_TYPES:
+            return [(0, flat.block.value("VariableName") or flat.path)]
+        ports = [(port, source) for port, source in enumerate(flat.inputs) if source is not None]
+        return [(port, flat.input_names.get(port) or source.flat.path) for port, source in ports]
+
     def _name_inner_signals(self, flat: FlatModel) -> None:
         """Name the inner signals, those with names of their own first."""
         skipped = {"Outport", "Inport", "Constant", "Ground", "Mux", "Demux", "BusCreator", "BusSelector", *SINK_TYPES}
@@ -69,7 +91,7 @@ class NodeNames:
 
     def _add(self, flat: FlatBlock, port: int, name: str, prefer_path: bool = False) -> list[str]:
         names = []
-        wired, is_output = self.compiler.outputs(flat)[port], flat.type in RESULTS
+        wired, is_output = self.compiler.outputs(flat)[port], flat.type in RESULTS or port in self._open_ports(flat)
         for key, signal in leaf_signals(wired, name):
             for at, node in enumerate(signal.flat):
                 # of a bus within the model, which may hold hundreds of signals, only those that an output needs
@@ -98,13 +120,3 @@ class NodeNames:
         unit = (flat.block.value("Unit") or "").strip()
         if unit and match_word(unit, ["inherit"]) is None and not any(sign in unit for sign in "]\n\r"):
             self.units[name] = unit
-
-
-def _results(flat: FlatBlock) -> list[tuple[int, str]]:
-    """Return number and name of the signals of an outport, or of a block that records or displays some."""
-    if flat.type == "Outport":
-        return [(0, port_label(flat.block))]
-    if flat.type in RECORDING_TYPES:
-        return [(0, flat.block.value("VariableName") or flat.path)]
-    ports = [(port, source) for port, source in enumerate(flat.inputs) if source is not None]
-    return [(port, flat.input_names.get(port) or source.flat.path) for port, source in ports]

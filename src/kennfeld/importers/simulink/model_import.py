@@ -160,7 +160,10 @@ class ModelImport:
         definitions = undefined_parameters(failed, compiler.expressions, report.undefined, report.reasons)
         missing = dict(self.variables.missing_files) if report.undefined else {}
         needed = missing | missing_links(failed)
-        proposals = propose_files(self.path, self._loaded.search, tuple(report.undefined), places, needed)
+        # a signal object in a file may declare a data store as well
+        stores = [flat.block.value("DataStoreName") or "" for flat in failed if _lacks_store(flat)]
+        undefined = tuple(dict.fromkeys((*report.undefined, *(name.strip() for name in stores))))
+        proposals = propose_files(self.path, self._loaded.search, undefined, places, needed)
         return replace(report, definitions=definitions, missing_files=missing, proposals=proposals)
 
     @property
@@ -222,13 +225,16 @@ class ModelImport:
         if self._has_failures(partial):
             return compiler
         skipped = ", ".join(flat.path for flat in shown if flat not in sound)
-        self.substitutions.append(f"skipped {skipped[:200]}: the displayed signal is not supported")
+        kind = "signal" if self.flat.ends else "displayed signal"
+        self.substitutions.append(f"skipped {skipped[:200]}: the {kind} is not supported")
         return partial
 
     def _compile(self, goals: Collection[FlatBlock]) -> BlockCompiler:
         if not goals:
-            message = "it has no outport and no block that records or displays a signal"
-            raise InputError.of(Location(self.path.name), message, _output_remedy(self._system))
+            is_library = self._system is self.document.root and self.document.kind == "library"
+            message = "it is a library" if is_library else "it has no outport and no signal that could be an output"
+            otherwise = "Import a model that uses it." if is_library else "Add an outport."
+            raise InputError.of(Location(self.path.name), message, _output_remedy(self._system, otherwise))
         try:
             return compile_to_fixed_point(self._make_compiler, goals)
         except GraphTooLargeError as error:
@@ -298,18 +304,21 @@ class ModelImport:
             *(Finding(Location(), sentence, severity="warning") for sentence in sentences),
         )
         ignored = TYPES_IGNORED if self._inherited is None else TYPES_ROUNDED
+        ends = join_names([flat.path for flat in self.flat.ends], _MAX_LISTED)
+        of_ends = [f"no block is an outport or shows a signal: the outputs are the open ends of {ends}"] if ends else []
         note = [ignored] if any(flat.type == "DataTypeConversion" for flat in self.flat.blocks) else []
         sources = compiler.declared.sources
         return SimulinkReport(
             len(blocks), len(blocks) - len(unsupported) - len(unreached),
             with_network_binds(unsupported.values()), loops,
-            (*self.flat.variant_choices, *self.substitutions, *undecided, *note),
+            (*of_ends, *self.flat.variant_choices, *self.substitutions, *undecided, *note),
             tuple(sorted((*warnings, *self.remarks), key=lambda finding: finding.severity == "remark")),
             dict(sources), dict(compiler.expressions.frozen), self.solver, self.clock.step,
             tuple(calibratable(p, sources.get(p.name, "")) for p in compiler.declared.parameters.values()),
             reasons={name: failed_assignment(place) for name, place in self.variables.undefined.items()},
             unreached=unreached,
-            results=tuple(flat.path for flat in self.flat.results), has_outports=bool(self.flat.outports),
+            results=tuple(flat.path for flat in self.flat.results),
+            has_outports=bool(self.flat.outports or self.flat.ends),
         )  # fmt: skip
 
     def _precision(self, compiler: BlockCompiler) -> Iterator[str]:
@@ -367,9 +376,14 @@ def _unknown_widths(compiler: BlockCompiler) -> Iterator[Finding]:
         yield Finding(Location(), message, BUS_REMEDY, severity="warning")
 
 
-def _output_remedy(system: System) -> str:
+def _lacks_store(flat: FlatBlock) -> bool:
+    """Return True for an access to a data store that is not found."""
+    return flat.type in ("DataStoreRead", "DataStoreWrite") and flat.data_store is None
+
+
+def _output_remedy(system: System, otherwise: str) -> str:
     inner = [block.path for block in system.every() if block.system is not None]
-    return f"Import a subsystem: {join_names(inner, _MAX_LISTED)}." if inner else "Add an outport."
+    return f"Import a subsystem: {join_names(inner, _MAX_LISTED)}." if inner else otherwise
 
 
 def _refusal(compiler: BlockCompiler, flat: FlatBlock) -> tuple[str, str]:

@@ -196,11 +196,12 @@ class Problem:
     @cached_property
     def skeleton(self) -> "Problem":
         """The problem without samples, as it is sent to workers; targets are channels or nodes."""
-        criteria = tuple(replace(c, target=self._resolved(c)) for c in self.criteria)
+        criteria = tuple(replace(c, target=self.resolved_target(c)) for c in self.criteria)
         datasets = tuple(without_values(data) for data in self.datasets)
         return replace(self, criteria=criteria, datasets=datasets, partitions=None)
 
-    def _resolved(self, criterion: Criterion) -> Target:
+    def resolved_target(self, criterion: Criterion) -> Target:
+        """Return the target of a criterion, of which a bare name is a channel or a node by these data."""
         target = criterion.target
         if target.kind != "name":
             return target

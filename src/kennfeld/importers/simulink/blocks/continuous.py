@@ -64,22 +64,29 @@ def _delay_output(block: BlockContext, delay: Signal, late: Signal, init: Signal
     return select(passed, late, init)
 
 
-def _steps(block: BlockContext, time: Signal) -> int:
-    """Return how many steps a variable delay may reach back: its longest one, or less if its input is limited."""
+def _steps(block: BlockContext, time: Signal) -> tuple[int, bool]:
+    """Return how many steps a variable delay may reach back: its longest one, or less if its input is limited.
+
+    The second value is True if that is less than its `MaximumDelay`; a longer delay is then unknown.
+    """
     step, longest = _fixed_step(block), block.numeric_field("MaximumDelay")
     count = int(np.ceil(longest / step - 1e-9))
     bound = bound_of(block.builder, time.flat[0], up=True)
     if 0.0 <= bound < longest:
         # one more, as distances travelled are rounded
         count = min(count, int(np.ceil(bound / step - 1e-9)) + 1)
-    if not 1 <= count <= _MAX_STATES:
-        field, most = toml_text(f"{block.flat.path}:MaximumDelay"), f"{_MAX_STATES * step:g}"
-        raise UnsupportedError(
-            f"its MaximumDelay of {longest:g} s is {count} steps of {step:g} s; at most {_MAX_STATES} are supported",
-            f"Limit its delay by a Saturation with constant limits, or set a shorter one: [parameters.{field}] "
-            f"initial = {most} in the project, in Python parameters=[{{{field}: {most}}}].",
-        )
-    return count
+    if count < 1:
+        raise UnsupportedError(f"its MaximumDelay of {longest:g} s is less than a step of {step:g} s")
+    if count <= _MAX_STATES:
+        return count, False
+    # NaN is seen, where the value of the longest delay would look right
+    field = toml_text(f"{block.flat.path}:MaximumDelay")
+    block.warn(
+        f"is NaN while its delay exceeds {_MAX_STATES * step:g} s: its MaximumDelay of {longest:g} s is {count} steps, "
+        f"and at most {_MAX_STATES} are supported. A shorter MaximumDelay, or a Saturation of its delay with constant "
+        f"limits, saves memory and time: [parameters.{field}]"
+    )
+    return _MAX_STATES, True
 
 
 def _handles_zero(block: BlockContext) -> bool:
@@ -97,27 +104,28 @@ def variable_delay(block: BlockContext) -> SignalOrBus:
     time = block.hold_in_minor_steps(arriving)
     if time.size != 1:
         raise UnsupportedError("its delay is a vector, which is not supported")
-    count, init = _steps(block, arriving), block.parameter("InitialOutput")
+    (count, is_capped), init = _steps(block, arriving), block.parameter("InitialOutput")
     steps = range(1, count + 1)
     late = [block.discrete_state(init, lambda _: block.hold_in_minor_steps(block.input(0)), at) for at in steps]
+    oldest = block.constant(np.nan) if is_capped else late[-1]
     if kind == "Variable transport delay":
-        return _transport(block, time, late, init)
+        return _transport(block, time, late, init, oldest)
     time = apply("max", time, 0.0)
     if not _handles_zero(block):
-        return _delay_output(block, time, _interpolate_past(block, time, late, 1), init)
+        return _delay_output(block, time, _interpolate_past(block, time, late, 1, oldest), init)
     u = block.hold_in_minor_steps(block.input(0))
-    y = _delay_output(block, time, _interpolate_past(block, time, [u, *late], 0), init)
+    y = _delay_output(block, time, _interpolate_past(block, time, [u, *late], 0, oldest), init)
     return select(apply("eq", time, 0.0), u, y)
 
 
-def _interpolate_past(block: BlockContext, time: Signal, late: list[Signal], first: int) -> Signal:
+def _interpolate_past(block: BlockContext, time: Signal, late: list[Signal], first: int, oldest: Signal) -> Signal:
     """Interpolate linearly between the two steps around `time`.
 
     `late` holds the inputs of past steps, latest first, beginning `first` steps ago. The line between the two latest
-    ones is extrapolated to a shorter delay; the value of the oldest one is held for a longer delay.
+    ones is extrapolated to a shorter delay; `oldest` is the result for a longer delay.
     """
     steps = time / block.base_step
-    result = late[-1]
+    result = oldest
     # from the longest delay to the shortest, so that the last condition that holds selects
     for at in range(len(late) - 1, 0, -1):
         share = steps - float(first + at - 1)
@@ -126,7 +134,7 @@ def _interpolate_past(block: BlockContext, time: Signal, late: list[Signal], fir
     return result
 
 
-def _transport(block: BlockContext, time: Signal, late: list[Signal], init: Signal) -> Signal:
+def _transport(block: BlockContext, time: Signal, late: list[Signal], init: Signal, oldest: Signal) -> Signal:
     """Return the input one transport ago; the distance travelled, in pipe lengths, is the integral of 1/time."""
     zero, rate = block.constant(0.0), 1.0 / time
 
@@ -140,7 +148,7 @@ def _transport(block: BlockContext, time: Signal, late: list[Signal], init: Sign
     distances = [block.discrete_state(zero, lambda _: distance, at) for at in range(1, len(late) + 1)]
     # what leaves the pipe entered it when the distance was one pipe length less
     entered = distance - 1.0
-    y = late[-1]
+    y = oldest
     for at in range(len(late) - 1, 0, -1):
         between = interpolate_line(entered, (distances[at], distances[at - 1]), (late[at], late[at - 1]))
         y = select(entered >= distances[at], between, y)
@@ -184,14 +192,24 @@ def integrator_start(block: BlockContext) -> Signal:
 @block("Integrator", output=ARITHMETIC, continuous=True,
        needs=lambda block: range(1, block.input_count), InitialCondition="0",
        InitialConditionSource="internal", ExternalReset="none", LimitOutput="off", UpperSaturationLimit="inf",
-       LowerSaturationLimit="-inf", ShowSaturationPort="off", ShowStatePort="off", WrapState="off")  # fmt: skip
+       LowerSaturationLimit="-inf", ShowSaturationPort="off", ShowStatePort="off", WrapState="off",
+       WrappedStateUpperValue="pi", WrappedStateLowerValue="-pi")  # fmt: skip
 def integrator(block: BlockContext) -> Outputs:
     """Integrate the input over time, with external reset and limits."""
     if block.is_on("WrapState"):
-        raise UnsupportedError("WrapState is on, which is not supported")
+        return _wrapped_integral(block)
     init, limits, reset = integrator_start(block), output_limits(block), external_reset(block)
     # the state starts, resets and advances within its limits: its output needs no limits of its own
     return with_saturation(block, block.continuous_state(init, lambda _: block.input(0), reset, limits, ported=True))
+
+
+def _wrapped_integral(block: BlockContext) -> Signal:
+    """Integrate an angle, which goes on at the other end of its range; the slope does not depend on the turns."""
+    if block.is_on("LimitOutput") or block.is_on("ShowStatePort"):
+        raise UnsupportedError("its state is wrapped and has limits or a state port, which is not supported")
+    lower, upper = block.parameter("WrappedStateLowerValue"), block.parameter("WrappedStateUpperValue")
+    turned = block.continuous_state(integrator_start(block), lambda _: block.input(0), external_reset(block))
+    return lower + (turned - lower) % (upper - lower)
 
 
 def with_saturation(block: BlockContext, y: Signal) -> Outputs:
@@ -236,10 +254,10 @@ def transfer_function(block: BlockContext) -> SignalOrBus:
     numerator, denominator = block.matrix("Numerator"), block.matrix("Denominator").ravel()
     if numerator.shape[0] != 1:
         raise UnsupportedError("its numerator has several rows (several outputs), which is not supported")
-    return _rational(block, [int(n) for n in numerator.ravel()], [int(n) for n in denominator])
+    return rational_output(block, [int(n) for n in numerator.ravel()], [int(n) for n in denominator])
 
 
-def _rational(block: BlockContext, numerator: list[int], denominator: list[int]) -> Signal:
+def rational_output(block: BlockContext, numerator: list[int], denominator: list[int]) -> Signal:
     """Lower a rational function of s with zero initial states; coefficients have the highest power first."""
     const, call, order = block.builder.const, block.builder.call, len(denominator) - 1
     if len(numerator) > order + 1:
@@ -333,7 +351,7 @@ def _roots(block: BlockContext, name: str) -> list[int]:
     return [int(node) for node in nodes.ravel() if block.builder.value(int(node)) not in (np.inf, -np.inf)]
 
 
-def _polynomial(block: BlockContext, roots: list[int]) -> list[int]:
+def multiply_out(block: BlockContext, roots: list[int]) -> list[int]:
     """Return the coefficients of (x - r1) (x - r2) ..., highest power first."""
     call, zero, nodes = block.builder.call, block.builder.const(0.0), [block.builder.const(1.0)]
     for root in roots:
@@ -351,8 +369,8 @@ def quotient(block: BlockContext) -> tuple[list[int], list[int]]:
     gain = block.parameter("Gain")
     if gain.size != 1:
         raise UnsupportedError("it has several gains (several outputs), which is not supported")
-    numerator = [block.builder.call("mul", gain.flat[0], node) for node in _polynomial(block, zeros)]
-    return numerator, _polynomial(block, poles)
+    numerator = [block.builder.call("mul", gain.flat[0], node) for node in multiply_out(block, zeros)]
+    return numerator, multiply_out(block, poles)
 
 
 def zero_pole_feedthrough(block: BlockContext) -> Iterable[int]:
@@ -363,7 +381,7 @@ def zero_pole_feedthrough(block: BlockContext) -> Iterable[int]:
 @block("ZeroPole", continuous=True, needs=zero_pole_feedthrough, Zeros="[1]", Poles="[0 -1]", Gain="[1]")
 def zero_pole(block: BlockContext) -> SignalOrBus:
     """Lower K (s - z1) ... / ((s - p1) ...) with zero initial states."""
-    return _rational(block, *quotient(block))
+    return rational_output(block, *quotient(block))
 
 
 @block("SecondOrderIntegrator", continuous=True, needs=no_feedthrough, ICX="0.0", ICDXDT="0.0", ICSourceX="internal",

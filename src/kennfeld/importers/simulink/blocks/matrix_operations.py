@@ -137,7 +137,9 @@ def transpose(block: BlockContext) -> SignalOrBus:
     return block.signal(block.input().matrix.T, block.input().period)
 
 
-@block("Cross Product", "3x3 Cross Product", linked=True)
+@block(
+    "Cross Product", "3x3 Cross Product", "matrix_library/Cross Product", "vrlib/Utilities/Cross Product", linked=True
+)
 def cross_product(block: BlockContext) -> SignalOrBus:
     """Compute the cross product of two vectors of three elements."""
     a, b = block.input(0), block.input(1)

@@ -143,10 +143,10 @@ def bound(block: BlockContext) -> Outputs:
     return block.compiler.bound(block.compiler, block.flat)
 
 
-@block("CMBlock", "XY scope.", "Record", linked=True, needs=no_feedthrough, sink=True)
+@block("CMBlock", linked=True, needs=no_feedthrough, sink=True)
 @block("DocBlock", needs=no_feedthrough, sink=True, library_mask=True)
 @block(
-    *_DASHBOARD, "SpectrumAnalyzer", "Terminator", "Stop", "Floating Scope", "Assertion", "Model Info",
+    *_DASHBOARD, "Terminator", "Stop", "Floating Scope", "Assertion", "Model Info",
     "DataTypeDuplicate", "DataTypePropagation", "EventListener", "HitCross Sink", "Note",
     needs=no_feedthrough, sink=True,
 )  # fmt: skip

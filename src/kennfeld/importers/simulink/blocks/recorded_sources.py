@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from kennfeld.importers.simulink.blocks.lookup_tables import LookupMethod, constant_curve
+from kennfeld.importers.simulink.flattening.flatten import HARDWARE_INPUT
 from kennfeld.importers.simulink.lowering import BlockContext, UnsupportedError, block
 from kennfeld.importers.simulink.lowering.registry import Outputs
 from kennfeld.importers.simulink.reader.model_tree import split_path
@@ -174,6 +175,12 @@ def _editor_signal(block: BlockContext, label: str, signal: Recorded) -> SignalO
     names = [label] if len(columns) == 1 else [f"{label}[{at}]" for at in range(1, len(columns) + 1)]
     series = (RecordedSeries(times, column) for column in columns)
     return _joined(block, [_column(block, *pair) for pair in zip(names, series, strict=True)])
+
+
+@block(HARDWARE_INPUT, sample="")
+def hardware_input(block: BlockContext) -> Outputs:
+    """Return an input of the model for what a block of a hardware support package reads."""
+    return _measured_ports(block, "it reads hardware, one value a step unless blocks behind it take more")
 
 
 def _measured_ports(block: BlockContext, why: str) -> Outputs:

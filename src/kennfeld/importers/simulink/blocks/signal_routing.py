@@ -80,8 +80,8 @@ def mux(block: BlockContext) -> SignalOrBus:
 
 @block("BusToVector")
 def bus_to_vector(block: BlockContext) -> SignalOrBus:
-    """Join the signals of a bus to one vector."""
-    return as_one_vector(block, block.input_or_bus(0))
+    """Join the signals of a bus to one vector, a row or column if one of them is."""
+    return block.joined([signal for _, signal in leaf_signals(block.input_or_bus(0))])
 
 
 def as_one_vector(block: BlockContext, *wired: SignalOrBus) -> Signal:
@@ -440,10 +440,25 @@ def _memory(block: BlockContext) -> BlockContext:
 
 @block("DataStoreRead", output=OutputType(states=True), needs=no_feedthrough, DataStoreName="A", SampleTime="-1")
 def data_store_read(block: BlockContext) -> SignalOrBus:
-    """Read the content of a data store after the writers that run before this block."""
+    """Read the content of a data store after the writers that run before this block.
+
+    One that exists outside of what is imported, and is not written within, is an input.
+    """
+    if block.flat.data_store is None and not _writes(block):
+        inputs, own = block.compiler.inputs, block.field_text("DataStoreName").strip()
+        name = inputs.channel(block.flat, own)
+        block.warn(f"reads the data store {own}, which is not in the model: it is the input {name}")
+        return inputs.open_signal(block.flat, name, "its data store is not in the model")
     content = data_store_memory(_memory(block))
     assert isinstance(content, Signal)
     return block.compiler.contents.content_after(content, block.compiler.stores.writers_before(block.flat))
+
+
+def _writes(block: BlockContext) -> bool:
+    """Return True if the data store of a name is written."""
+    own = block.field_text("DataStoreName").strip()
+    writers = (flat for flat in block.compiler.flat.blocks if flat.type == "DataStoreWrite")
+    return any(block.of(flat).field_text("DataStoreName").strip() == own for flat in writers)
 
 
 @block("DataStoreWrite", DataStoreName="A", SampleTime="-1")

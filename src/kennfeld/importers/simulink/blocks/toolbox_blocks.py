@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from kennfeld.importers.simulink.lowering import BlockContext, UnsupportedError, block
+from kennfeld.importers.simulink.reader.model_tree import ModelBlock
 from kennfeld.importers.simulink.signals import Signal, SignalOrBus, apply, select
 from kennfeld.models.imperative.node_arrays import Nodes
 
@@ -54,6 +55,23 @@ def moving_average(block: BlockContext) -> SignalOrBus:
     return block.feedback(block.constant(0.0), lambda before: (1.0 - 1.0 / weight) * before + u / weight)
 
 
+def _sample_of_sine(block: ModelBlock) -> str:
+    return "" if block.is_set_to("SampleMode", "Continuous") else "SampleTime"
+
+
+@block("dspsrcs4/Sine Wave", linked=True, sample=_sample_of_sine, Amplitude="1", Frequency="100", Phase="0",
+       SampleMode="Discrete", OutComplex="Real", SampleTime="1/1000", SamplesPerFrame="1")  # fmt: skip
+def sine_wave(block: BlockContext) -> SignalOrBus:
+    """Compute the sine of a frequency in Hz and a phase in rad, at the sample hits if it is discrete."""
+    block.option("OutComplex", "Real")
+    frames = block.integer_field("SamplesPerFrame", 1)
+    discrete = block.option("SampleMode", "Discrete", "Continuous") == "Discrete"
+    if frames != 1 and discrete:
+        raise UnsupportedError(f"its output is a frame of {frames} samples, which is not supported")
+    angle = 2 * np.pi * (block.parameter("Frequency") * block.time) + block.parameter("Phase")
+    return block.parameter("Amplitude") * apply("sin", angle)
+
+
 @block("dspsigops/Sample and Hold", linked=True, sample="", trig="Rising edge", initCond="0", latchinput="off")
 def sample_and_hold(block: BlockContext) -> SignalOrBus:
     """Return the input of the last trigger event, before the first one the initial condition."""
@@ -64,22 +82,6 @@ def sample_and_hold(block: BlockContext) -> SignalOrBus:
         raise UnsupportedError("it buffers its input, which is not supported")
     event = block.zero_crossing(block.hold_in_minor_steps(block.input(1)), kind)
     return block.feedback(block.parameter("initCond"), lambda before: select(event, u, before))
-
-
-@block("aerolibutil/Quaternion Multiplication", linked=True)
-def quaternion_product(block: BlockContext) -> SignalOrBus:
-    """Compute the product q r of two quaternions, scalar part first."""
-    if [signal.size for signal in block.inputs] != [4, 4]:
-        raise UnsupportedError("its inputs must be vectors of 4 elements")
-    q, r = (signal.elements for signal in block.inputs)
-    terms = (
-        (q[0] * r[0], -(q[1] * r[1]), -(q[2] * r[2]), -(q[3] * r[3])),
-        (q[0] * r[1], q[1] * r[0], q[2] * r[3], -(q[3] * r[2])),
-        (q[0] * r[2], -(q[1] * r[3]), q[2] * r[0], q[3] * r[1]),
-        (q[0] * r[3], q[1] * r[2], -(q[2] * r[1]), q[3] * r[0]),
-    )
-    parts = [block.reduce("add", each) for each in terms]
-    return block.signal([node for part in parts for node in part.flat], parts[0].period)
 
 
 def _over_lines(

@@ -104,6 +104,18 @@ class ParameterExpressions:
         except ProgramError as error:
             raise EvaluationError(error.message) from None
 
+    def tree_array(self, tree: m.Expression, scope: Scope) -> Nodes:
+        """Return the nodes of a part of an expression, whose variables stay parameters; raises `EvaluationError`."""
+        try:
+            value = self._evaluate_tree(tree, scope, True, {})
+        except EvaluationError:
+            raise
+        except ProgramError as error:
+            raise EvaluationError(error.message) from None
+        if not isinstance(value, np.ndarray):
+            raise EvaluationError("it is not a number")
+        return value
+
     def values(self, nodes: Nodes, text: str = "it") -> Numbers:
         """Return the numbers of constant nodes; raise `EvaluationError` if one is not constant."""
         numbers = [self.builder.value(int(node)) for node in nodes.ravel()]

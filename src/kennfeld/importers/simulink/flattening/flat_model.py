@@ -19,7 +19,7 @@ from kennfeld.importers.simulink.variables.mask_scope import Scope
 
 STATE_PORT = -1  # the number of a state port among the outputs of its block
 RECORDING_TYPES = ("ToWorkspace", "SignalToWorkspace")  # the second one of the DSP System Toolbox
-SINK_TYPES = ("Scope", "Display", "ToFile", "XYGraph")
+SINK_TYPES = ("Scope", "Display", "ToFile", "XYGraph", "XY scope.", "Record", "SpectrumAnalyzer")
 
 
 class SignalSource(NamedTuple):
@@ -111,11 +111,13 @@ class FlatBlock:
 class FlatModel:
     """All blocks of the imported system; `outports` are in port order.
 
-    `variant_choices` describes the active variants, `counts` are iteration counts by subsystem path.
+    `ends` are blocks with outputs that lead nowhere, if nothing else is a result. `variant_choices` describes the
+    active variants, `counts` are iteration counts by subsystem path.
     """
 
     blocks: list[FlatBlock]
     outports: list[FlatBlock]
+    ends: tuple[FlatBlock, ...] = ()
     variant_choices: list[str] = field(default_factory=list)
     counts: dict[str, int] = field(default_factory=dict)
 
@@ -135,8 +137,9 @@ class FlatModel:
 
     @property
     def results(self) -> list[FlatBlock]:
-        """Blocks whose signals are the outputs: outports, else recording blocks, else displays."""
-        return self.outports or self.recorded or [a for a in self.blocks if a.type in SINK_TYPES and any(a.inputs)]
+        """Blocks whose signals are the outputs: outports, else recording blocks, else displays, else ends."""
+        displays = [flat for flat in self.blocks if flat.type in SINK_TYPES and any(flat.inputs)]
+        return self.outports or self.recorded or displays or list(self.ends)
 
 
 def enclosing_conditions(flat: FlatBlock) -> Iterator[FlatBlock]:

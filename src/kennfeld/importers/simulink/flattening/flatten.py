@@ -5,6 +5,7 @@ Inports, outports, Goto and From blocks and plain subsystems become connections.
 Function imported alone is wrapped in a system with ports.
 """
 
+import re
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 
@@ -37,10 +38,13 @@ from kennfeld.importers.simulink.reader.model_tree import (
     join_path,
     split_path,
 )
+from kennfeld.importers.simulink.reader.toolbox_libraries import toolbox_of
 from kennfeld.importers.simulink.variables.mask_scope import Scope
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 
+HARDWARE_INPUT = "HardwareInput"
 _NESTED = ("SubSystem", "ModelReference")
+_FRAMES = re.compile(r"audio|microphone|serial|receive|uart|udp|tcp|\bcan\b|spi|i2c|video|camera|image|lidar", re.I)
 
 
 def flatten(
@@ -71,7 +75,7 @@ def flatten(
     # only after all blocks are placed: a signal may come from anywhere
     ConnectionResolver(placed).connect()
     outports = [root.flat_blocks[block.sid] for block in sorted(system.of("Outport"), key=port_number)]
-    return FlatModel(placed.flat_blocks, outports, placed.variant_choices, placed.built)
+    return FlatModel(placed.flat_blocks, outports, (), placed.variant_choices, placed.built)
 
 
 @dataclass
@@ -216,13 +220,22 @@ def linked_type(link: LibraryLink, known: Mapping[str, bool]) -> str:
     return link.type if link.type and known.get(link.type, True) else link.source
 
 
+def _reads_hardware(block: ModelBlock) -> bool:
+    """Return True for a block of a hardware support package that has outputs only, such as an analog input."""
+    path = (split_path(block.reference.source) if block.reference is not None else ()) or ("",)
+    toolbox = toolbox_of(path[0])
+    is_source = block.ports is not None and block.ports.outputs > 0 and not block.ports.inputs
+    # what is received in frames or messages has a size that its link does not state
+    return is_source and toolbox is not None and toolbox.hardware and _FRAMES.search(path[-1]) is None
+
+
 def _kind(block: ModelBlock, known: Mapping[str, bool]) -> str:
     if block.chart is not None and block.chart.kind == "Chart":
         return "Chart"
     if block.script and block.is_set_to("SFBlockType", "MATLAB Function"):
         return "MATLAB Function"
     if block.type == "Reference" and block.reference is not None:
-        return linked_type(block.reference, known)
+        return HARDWARE_INPUT if _reads_hardware(block) else linked_type(block.reference, known)
     # many blocks of libraries are masked subsystems, which only their mask names
     if block.type == "SubSystem" and block.mask is not None and block.mask.type:
         return block.mask.type

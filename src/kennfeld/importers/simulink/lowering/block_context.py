@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from kennfeld.base.formatting import join_names
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.importers.simulink.flattening.flat_model import STATE_PORT, FlatBlock, SignalSource
 from kennfeld.importers.simulink.lowering.diagnostics import UnsupportedError, evaluating
@@ -25,6 +26,7 @@ from kennfeld.importers.simulink.signals import (
     apply,
     as_vector,
     constant,
+    period_of,
     select,
 )
 from kennfeld.importers.simulink.variables.data_types import DataType, PlainType, UndefinedType
@@ -192,14 +194,30 @@ class BlockContext:
         if isinstance(signal, Signal) and index == 0 and not frames:
             self._check_frame(signal)
         if isinstance(signal, Bus):
-            members = list(signal.members.values())
-            # a bus of one signal counts as that signal
-            if len(members) != 1 or not isinstance(members[0], Signal):
-                remedy = "Select one signal of the bus with a Bus Selector."
-                raise UnsupportedError(f"its input {index + 1} is a bus", remedy)
-            signal = members[0]
+            signal = self._vector_of(signal, index)
         own = signal if signal.builder is self.builder else replace(signal, builder=self.builder)
         return self.compiler.floats.operand(own)
+
+    def _vector_of(self, bus: Bus, index: int) -> Signal:
+        """Return a bus as the vector of its signals, as Simulink does where a block takes no buses."""
+        members = [member for member in bus.members.values() if isinstance(member, Signal)]
+        if len(members) < len(bus.members) or not members:
+            remedy = "Select one signal of the bus with a Bus Selector."
+            raise UnsupportedError(f"its input {index + 1} is a bus", remedy)
+        # a bus of one signal counts as that signal
+        if len(members) == 1:
+            return members[0]
+        self.warn(f"takes the bus at its input {index + 1} as a vector: {join_names(list(bus.members), 6)}")
+        return self.joined(members)
+
+    def joined(self, members: Sequence[Signal]) -> Signal:
+        """Return a vector of all elements, which is a row or column if one of the signals is."""
+        shapes = {member.shape for member in members if member.nodes.ndim == 2 and member.size > 1}
+        if any(min(shape) > 1 for shape in shapes) or len({shape[0] == 1 for shape in shapes}) > 1:
+            raise UnsupportedError("its bus contains matrices, or rows and columns, which are not one vector")
+        nodes = [node for member in members for node in member.flat]
+        shape = next(((1, len(nodes)) if shape[0] == 1 else (len(nodes), 1) for shape in shapes), None)
+        return replace(self.signal(nodes, period_of(members), shape), sound=all(member.sound for member in members))
 
     def _check_frame(self, signal: Signal) -> None:
         """Raise `UnsupportedError` if the rows of an input are successive samples."""

@@ -138,6 +138,8 @@ def _missing_library(library: str, flat: FlatBlock) -> tuple[str, str]:
         return message, f"Put {library}.slx next to the model, or add its folder to `folders`."
     if toolbox.physical:
         return PHYSICAL_NETWORK, ""
+    if toolbox.hardware:
+        return f"it drives hardware, by the library {library}", "Bind its outputs to measured channels."
     message = f"it links to the library {library} of {toolbox.product}, which was not found"
     place = f"matlabroot/toolbox/{toolbox.folder}"
     return message, f"Add its folder below {place} to `folders` if MATLAB is installed; otherwise bind the block."

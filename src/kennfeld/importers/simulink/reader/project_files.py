@@ -13,7 +13,7 @@ _ROOT_FOLDERS = frozenset({".git", ".svn", ".SimulinkProject"})
 _ROOT_FILES = frozenset({"kennfeld.toml"})
 _PROJECT_ENDING = ".prj"  # of a MATLAB project
 _GENERATED = ("_rtw", "slprj", "codegen", "node_modules")  # ends of the names of folders with generated files
-_MAX_LEVELS = 6  # above and below the folder of a model
+_MAX_LEVELS = 10  # above and below the folder of a model
 _MAX_ENTRIES = 20_000  # of folders
 
 

@@ -14,17 +14,22 @@ class Toolbox:
         product: its name.
         folder: the folder below `matlabroot/toolbox` that contains them.
         physical: True if the blocks are elements of physical networks, whose equations are not in the model.
+        hardware: True if the blocks read and drive the hardware of a target.
     """
 
     libraries: str
     product: str
     folder: str
     physical: bool = False
+    hardware: bool = False
 
 
 _SIMSCAPE = (
     "nesl_utility|fl_lib|ee_lib|elec_lib|sdl_lib|sm_lib|sh_lib|SimscapeFluids_lib|batt_lib|batteryecm_lib|pe_lib"
     "|powerlib|powerlib_models|sps_lib|sps[A-Z]\\w*"
+)
+_HARDWARE = (
+    r"arduino\w*lib|raspberrypi\w*lib|mbedblockslib|stm32\w*lib|c28\w*lib|beaglebone\w*|lego(?:ev3|nxt)lib|sldrtlib"
 )
 _TOOLBOXES = (
     Toolbox(_SIMSCAPE, "Simscape", "physmod", physical=True),
@@ -40,7 +45,7 @@ _TOOLBOXES = (
     Toolbox(r"mpclib|softmpc", "Model Predictive Control Toolbox", "mpc"),
     Toolbox(r"neural", "Deep Learning Toolbox", "nnet"),
     Toolbox(r"ros2?lib", "ROS Toolbox", "ros"),
-    Toolbox(r"sldrtlib", "Simulink Desktop Real-Time", "sldrt"),
+    Toolbox(_HARDWARE, "hardware support", "", hardware=True),
     Toolbox(r"vrlib", "Simulink 3D Animation", "sl3d"),
 )
 

@@ -115,6 +115,8 @@ class _Chart:
         self._run(machine)
         self._after = self._join(keys, machine.variables.values)
         self.calls.check(machine)
+        if self.block.flat in self.block.compiler.flat.ends and not self.ports["Outport"]:
+            return self._inner_signals(machine, before)
         return tuple(self._output(name, machine, before) for name in self.ports["Outport"])
 
     def _initial(self) -> dict[str, Nodes]:
@@ -314,6 +316,19 @@ class _Chart:
             raise UnsupportedError(f"output {name} encodes the active state by numbers that the file does not contain")
         node = machine.activity.active(self.diagram.states[state.id], self.logic.always)
         return scalar(node, period)
+
+    def _inner_signals(self, machine: ChartExecution, before: Mapping[str, Nodes]) -> tuple[SignalOrBus, ...]:
+        """Return the local data and the activity of the states, as results of a chart that has no outputs."""
+        path, signals = self.block.flat.path, dict[str, SignalOrBus]()
+        for data in self.diagram.data.values():
+            if data.written.scope == "LOCAL_DATA" and data.key in machine.variables.values:
+                nodes = as_vector(self._hold_between_hits(data.key, machine, before))
+                signals[f"{path}/{data.key}"] = Signal(nodes, self.block.period())
+        for state in [state for state in self.diagram.root.descendants if state.parent is not None]:
+            node = machine.activity.active(state, self.logic.always)
+            signals[f"{path}/{state.path}"] = scalar(node, self.block.period())
+        self.block.flat.output_names = dict(enumerate(signals))
+        return tuple(signals.values())
 
     def _hold_between_hits(self, key: str, machine: ChartExecution, before: Mapping[str, Nodes]) -> Nodes:
         now = machine.variables.values[key]

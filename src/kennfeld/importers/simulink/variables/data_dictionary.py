@@ -351,6 +351,8 @@ def _value(section: SectionNode, depth: int = 0) -> Value:
         return tuple(_value(part, depth + 1) for part in section.all("Element"))
     if kind == "struct":
         return _several(tuple(_struct(part, depth) for part in section.all("Element")), section)
+    if kind == "embedded.fi":
+        return _fixed_point(section)
     inner = tuple(_value(part, depth + 1) for part in section.all("Element"))
     if not kind and not inner and not section.text.strip():
         return None
@@ -417,6 +419,26 @@ def _numbers(section: SectionNode) -> Value:
     ):
         raise UnusableValueError(f"it has {values.size} numbers for a size of {section.keys.get('Dimension', '')[:40]}")
     return readonly(values.reshape(shape, order="F"))
+
+
+def _fixed_point(section: SectionNode) -> Value:
+    """Return the values of a fixed-point object: slope adjustment x 2^exponent x stored integer + bias."""
+    parts = _properties(section)
+    texts = {name: part.text.strip() for name, part in parts.items()}
+    if texts.get("DataType") != "Fixed" or "intarray" not in parts:
+        raise UnusableValueError(f"it is a fi object of the data type {texts.get('DataType', '')[:40] or 'none'}")
+    try:
+        bits, exponent, slope, bias = (
+            float(texts[name]) for name in ("WordLength", "FixedExponent", "SlopeAdjustmentFactor", "Bias")
+        )
+    except (KeyError, ValueError):
+        raise UnusableValueError("the scaling of its fi object cannot be read") from None
+    # longer words are stored in several integers
+    if bits > 32 or abs(exponent) > 1000:
+        raise UnusableValueError(f"it is a fi object of {bits:g} bits, which is not supported")
+    stored = _numbers(parts["intarray"])
+    assert isinstance(stored, np.ndarray)
+    return readonly(np.asarray(slope * 2.0**exponent * stored + bias))
 
 
 def _encoded(section: SectionNode) -> Value:
