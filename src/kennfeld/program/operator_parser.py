@@ -30,7 +30,7 @@ class OperatorParser(TokenReader[AnyToken], Generic[AnyToken, Tree]):
         max_terms: how many operators may join operands side by side; they make a tree of that depth.
     """
 
-    levels: Mapping[str, int]
+    levels: ClassVar[Mapping[str, int]]
     max_terms: ClassVar[int] = 2**31
 
     def operations(self, lowest: int = 0) -> Tree:

@@ -5,11 +5,12 @@ A tree is an expression, a statement, or a tuple of them.
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import fields, is_dataclass, replace
-from functools import cache
 from itertools import takewhile
 from typing import Any
 
 from kennfeld.program import tree as m
+
+_FIELDS: dict[type, tuple[str, ...]] = {}
 
 
 def children(node: m.Expression) -> Iterator[m.Expression]:
@@ -180,7 +181,9 @@ def _parts(tree: object) -> tuple[object, ...]:
     return tree if isinstance(tree, tuple) else tuple(getattr(tree, name) for name in _field_names(type(tree)))
 
 
-@cache
 def _field_names(kind: type) -> tuple[str, ...]:
     """Return the fields of a class of nodes, none of any other class; looked up for every part of every tree."""
-    return tuple(field.name for field in fields(kind)) if is_dataclass(kind) else ()
+    names = _FIELDS.get(kind)
+    if names is None:
+        names = _FIELDS[kind] = tuple(field.name for field in fields(kind)) if is_dataclass(kind) else ()
+    return names

@@ -6,6 +6,7 @@ chart enables C-bit operations; then they, like shifts and `&=` in any chart, be
 
 import re
 from collections.abc import Iterable
+from typing import ClassVar
 
 from kennfeld.program import tree as m
 from kennfeld.program.operator_parser import OperatorParser, operator_levels
@@ -42,7 +43,7 @@ def parse_c_expression(text: str, bits: bool = False) -> m.Expression:
     >>> parse_c_expression("x[0] != 2") == m.Binary("~=", m.Call(m.Name("x"), (m.Number(1.0),)), m.Number(2.0))
     True
     """
-    parser = _ActionParser(text, bits)
+    parser = _parser(text, bits)
     parser.pass_lines()
     tree = parser.expression()
     parser.pass_lines()
@@ -53,7 +54,7 @@ def parse_c_expression(text: str, bits: bool = False) -> m.Expression:
 
 def parse_c_statements(text: str, bits: bool = False) -> m.Statements:
     """Parse the statements of an action, separated by `;`, `,` or line ends; raises `ActionSyntaxError`."""
-    return _ActionParser(text, bits).statements()
+    return _parser(text, bits).statements()
 
 
 def _join_lines(tokens: Iterable[ScannedToken]) -> list[ScannedToken]:
@@ -68,12 +69,13 @@ def _join_lines(tokens: Iterable[ScannedToken]) -> list[ScannedToken]:
 
 
 class _ActionParser(OperatorParser[ScannedToken, m.Expression]):
+    levels = _LEVELS
+    bits: ClassVar[bool] = False
     max_depth = _MAX_DEPTH
 
-    def __init__(self, text: str, bits: bool) -> None:
+    def __init__(self, text: str) -> None:
         super().__init__([*_join_lines(scan_tokens(_WORD, text)), ScannedToken("end", "the end")])
-        self.bits, self.text = bits, text
-        self.levels = _BIT_LEVELS if bits else _LEVELS
+        self.text = text
 
     def fault(self, message: str) -> ActionSyntaxError:
         return ActionSyntaxError(f"{message} in {self.text.strip()[:60]}")
@@ -250,6 +252,17 @@ class _ActionParser(OperatorParser[ScannedToken, m.Expression]):
                 self.close(")")
                 return tree
         raise self.fault(f"unexpected {token.text!r}")
+
+
+class _BitActionParser(_ActionParser):
+    """The parser of a chart that enables C-bit operations."""
+
+    levels = _BIT_LEVELS
+    bits = True
+
+
+def _parser(text: str, bits: bool) -> _ActionParser:
+    return _BitActionParser(text) if bits else _ActionParser(text)
 
 
 def _bits(operator: str, left: m.Expression, right: m.Expression) -> m.Call:
