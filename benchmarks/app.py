@@ -1,5 +1,6 @@
 """Topic `app`: the page in headless Chromium, on 500 000 samples and a 20 x 20 map, and on 1 000 000 x 20 channels."""
 
+import os
 import re
 import shutil
 import statistics
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.machine import load
+from benchmarks.measure import environment_of_users
 from benchmarks.table import Table
 
 SAMPLES = 500_000
@@ -131,19 +133,21 @@ def run() -> list[Table]:
     return [edits, strips]
 
 
-def _serve(table: Table, write: Callable[[Path], int], measure: Callable[[str, float], None]) -> None:
-    """Serve a project, call `measure(address, begin)`, and note the memory of the server."""
+def _serve(table: Table, write: Callable[[Path], int], measure: Callable[[str, float, int], None]) -> None:
+    """Serve a project, call `measure(address, begin, process)`, and note the memory of the server."""
     with tempfile.TemporaryDirectory() as folder:
         size = write(Path(folder))
         begin = time.perf_counter()
-        process = subprocess.Popen([sys.executable, "-c", LAUNCH], stdout=subprocess.PIPE, text=True, cwd=folder)
+        command = [sys.executable, "-c", LAUNCH]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=folder, env=environment_of_users())
         assert process.stdout is not None
         try:
             address = re.search(r"http\S+", process.stdout.readline())
             assert address is not None
-            measure(address[0], begin)
+            measure(address[0], begin, process.pid)
             table.notes = [
-                f"{_memory(process.pid) / 1e6:.0f} MB in the server, {size / 1e6:.0f} MB of data. Load {load()}."
+                *table.notes,
+                f"{_memory(process.pid) / 1e6:.0f} MB in the server, {size / 1e6:.0f} MB of data. Load {load()}.",
             ]
         finally:
             process.kill()
@@ -184,13 +188,14 @@ def _write_strips(folder: Path) -> int:
     return int(frame.memory_usage(deep=True).sum())
 
 
-def _measure(table: Table, page: Any, address: str, begin: float) -> None:
+def _measure(table: Table, page: Any, address: str, begin: float, process: int) -> None:
     received: list[int] = []
     page.on("response", lambda answer: received.append(int(answer.headers.get("content-length", "0"))))
     ready = "html[data-state=ready]"
     page.goto(address)
     page.wait_for_selector(ready)
     first = time.perf_counter() - begin
+    table.notes = [f"The server took {_processor_time(process):.1f} s of processor time until the page was usable."]
     table.add("start of the program until the page is usable", f"{first * 1e3:.0f} ms", f"{sum(received) / 1e3:.0f} kB")
     _row(table, "page opened again, usable", lambda: _reopened(page, ready), 7)
     page.click("[data-parameter=MapSettled]")
@@ -208,7 +213,7 @@ def _open(driver: Any, browser: str) -> tuple[Any, Any]:
     return own, own.new_context(viewport={"width": 1280, "height": 800}).new_page()
 
 
-def _measure_strips(table: Table, page: Any, address: str, _: float) -> None:
+def _measure_strips(table: Table, page: Any, address: str, _: float, __: int) -> None:
     page.goto(address)
     page.wait_for_selector("html[data-state=ready]")
     names = ["Speed", "Load", "measured", *(f"Channel{number}" for number in range(STRIPS - 3))]
@@ -266,6 +271,15 @@ def _step(page: Any) -> float:
 def _zoom(page: Any) -> float:
     """Turn the wheel; the strips are drawn when the answer has come and a frame has passed."""
     return float(page.evaluate(ZOOM))
+
+
+def _processor_time(process: int) -> float:
+    """Return the processor time that a process has taken in s, 0 if it is unknown."""
+    try:
+        fields = Path(f"/proc/{process}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def _memory(process: int) -> float:

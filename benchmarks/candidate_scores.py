@@ -16,17 +16,26 @@ from kennfeld.base.threads import available_cores
 __all__ = ["measure", "run"]
 
 CHANNELS = 20
-CASES = ((10_000, False), (100_000, False), (1_000_000, False), (100_000, True))  # samples, with memory
+GRIDS = {500: (20, 100), 154: (12, 10)}  # by the number of values: breakpoints of both axes of the map, of the curve
+# samples, values, with memory
+CASES = (
+    (10_000, 500, False),
+    (100_000, 500, False),
+    (1_000_000, 500, False),
+    (100_000, 500, True),
+    (100_000, 154, True),
+    (1_000_000, 154, True),
+)
 TEXT = "a = M(x, z)\nb = C(c0)\nc = b * x\nd = a + c\ny = {output}\n"
-COLUMNS = ("samples", "function", "candidates", "CPU time", "of it maps", "per core", "memory", "data")
+COLUMNS = ("samples", "function", "values", "candidates", "CPU time", "of it maps", "per core", "memory", "data")
 
 
 def run() -> list[Table]:
     """All sizes, in processes of their own."""
-    table = Table(f"scores: candidates for a missing term in a function of 500 values, {CHANNELS} channels", COLUMNS)
-    for samples, timed in CASES:
-        outcome = apart("benchmarks.candidate_scores:measure", samples=samples, timed=timed)
-        table.add(f"{samples}", "PT1" if timed else "without memory", *_cells(outcome))
+    table = Table(f"scores: candidates for a missing term in a function of {CHANNELS} channels", COLUMNS)
+    for samples, values, timed in CASES:
+        outcome = apart("benchmarks.candidate_scores:measure", samples=samples, values=values, timed=timed)
+        table.add(f"{samples}", "PT1" if timed else "without memory", f"{values}", *_cells(outcome))
     table.notes = [
         "Breakpoints for all channels, one linearisation, scores of curves at each node, added and multiplied, then of "
         "products of two channels and of maps. With memory, lags and delays as well.",
@@ -60,7 +69,7 @@ def data(samples: int, *, timed: bool) -> dict[str, Float]:
     return columns
 
 
-def measure(samples: int, timed: bool) -> dict[str, Any]:
+def measure(samples: int, values: int, timed: bool) -> dict[str, Any]:
     """Score all candidates of one size, in a process of its own."""
     from kennfeld.analysis.missing.channels import Channels
     from kennfeld.analysis.missing.map_scoring import score_maps
@@ -69,7 +78,7 @@ def measure(samples: int, timed: bool) -> dict[str, Any]:
     from kennfeld.analysis.missing.terms import OF_CHANNELS, Form
     from kennfeld.optimize.problem.setup import ProblemSetup
 
-    x, fine = np.linspace(0, 1, 20), np.linspace(0, 1, 100)
+    x, fine = (np.linspace(0, 1, count) for count in GRIDS[values])
     table = kf.Map("M", kf.Axis(x, "x"), kf.Axis(x, "z"), np.add.outer(np.sin(3 * x), x**2))
     start = {"M": table, "C": kf.Curve("C", fine, 0.3 * np.sin(6 * fine))}
     text = TEXT.format(output="PT1(d, 0.5)" if timed else "d * (1 + 0 * x)")

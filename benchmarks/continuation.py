@@ -121,7 +121,9 @@ def _outcomes(case: Case) -> list[dict[str, Any]]:
     for setting in (SETTINGS[0], *SETTINGS):  # the first search warms up
         options = replace(fit.options, tolerance=setting.tolerance or fit.options.tolerance)
         smoothed = fit.continuation if setting.continuation == "auto" else None
-        setup = DescentSetup(fit.exact, fit.objective, fit.thinned, smoothed, None, options, fit.record, setting.plan)
+        significant = fit.significant if setting.tolerance is None else 0.0
+        searched = fit.exact, fit.objective, fit.thinned, smoothed, None
+        setup = DescentSetup(*searched, options, fit.record, setting.plan, significant)
         with blas_threads(problem.free_size):
             began = time.process_time()
             end = minimise(setup, start, limits)

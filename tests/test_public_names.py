@@ -135,6 +135,12 @@ def test_the_help_text_loads_nothing_heavy():
     assert loaded_by("from kennfeld.cli import run\nrun(['--help'])").isdisjoint(heavy)
 
 
+def test_the_page_is_served_before_anything_heavy_is_loaded():
+    heavy = {"numpy", "pyarrow", "llvmlite", "kennfeld.project", "kennfeld.app.questions"}
+    assert loaded_by("import kennfeld.app.launch\nimport kennfeld.app.server.server").isdisjoint(heavy)
+    assert loaded_by("import kennfeld.app.launch").isdisjoint({"uvicorn", "starlette"})
+
+
 @pytest.mark.slow  # test_startup.py asks the same of calibrate, without the demo
 def test_a_calibration_loads_no_table_library(tmp_path):
     code = f"from kennfeld.cli import run\nrun(['demo', '--dir', {str(tmp_path / 'demo')!r}])"

@@ -233,7 +233,7 @@ def load_app() -> None:
     """Load what the app and its workers need, by serving a project and running a small one."""
     from kennfeld import calibrate
     from kennfeld.app.questions import QUESTIONS
-    from kennfeld.app.server.server import serve
+    from kennfeld.app.server.serving import serve
     from kennfeld.app.workspace import AppWorkspace
     from kennfeld.base.errors import KennfeldError
     from kennfeld.project.demo import write
@@ -248,5 +248,5 @@ def load_app() -> None:
             with suppress(KennfeldError, LookupError):  # most need arguments; their modules are loaded
                 workspace.answer(question, {})
         with suppress(KeyboardInterrupt):
-            serve(workspace, 0, lambda _: signal.raise_signal(signal.SIGINT))
+            serve(workspace, 0, lambda _: None, prepare=lambda: os.kill(os.getpid(), signal.SIGINT))
     _ = calibrate("y = a * x", {"x": [1.0, 2.0, 3.0], "z": [1.0, 2.0, 4.0]}, {"a": 0.0}, target="z").trust

@@ -89,6 +89,12 @@ def test_other_axes_are_interpolated_onto_those_of_the_project(session: Session)
     assert session.parameters["MapOptTorque"].values == pytest.approx(expected)
 
 
+def test_the_place_of_a_difference_names_the_axes(session: Session, bench: str) -> None:
+    rows = ask(session, "differences", first=NOW, second=file(bench)).head["rows"]
+    places = {row["name"]: row["place"] for row in rows}
+    assert places["MapOptTorque"] == "Speed = 700, Rel_Airmass = 28"
+
+
 def test_a_parameter_of_another_kind_is_refused(session: Session) -> None:
     kf.ParameterSet([kf.Scalar("MapOptTorque", 1.0)]).save(session.path.parent / "scalar.json")
     with pytest.raises(ArgumentError, match="MapOptTorque is a map"):

@@ -29,7 +29,7 @@ def serve_at(address: str, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Let the server begin at an address and end; return the tickets that it takes, and what the file had."""
     contents: list[str] = []
 
-    def serve(workspace: object, port: int, ready: object, project: object, ticket: str) -> None:
+    def serve(workspace: object, port: int, ready: object, project: object, ticket: str, prepare: object) -> None:
         ready(address)  # type: ignore[operator]
         [file] = launch.servers_folder().glob("*.html")
         contents.extend([ticket, file.read_text()])
@@ -59,7 +59,7 @@ def test_without_a_folder_the_address_is_printed_and_no_browser_starts(
     home: Path, opened: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (home / ".kennfeld").write_text("")
-    monkeypatch.setattr(launch, "serve", lambda workspace, port, ready, project, ticket: ready("http://127.0.0.1:1/"))
+    monkeypatch.setattr(launch, "serve", lambda workspace, port, ready, *others: ready("http://127.0.0.1:1/"))
     launch.launch(None)
     assert (opened, capsys.readouterr().out) == ([], "Kennfeld runs at http://127.0.0.1:1/\n")
 

@@ -138,7 +138,7 @@ def test_files_of_a_killed_server_are_removed_at_the_next_start(server: Served, 
     (part,) = torque.parent.glob("*.upload.part")
     os.utime(part, (time.time() - 3600,) * 2)
     with served(torque, tmp_path):
-        assert not part.exists()
+        wait_for(lambda: not part.exists())
 
 
 def test_two_uploads_of_one_name_are_two_files(server: Served, torque: Path) -> None:

@@ -1,5 +1,6 @@
 """Answers about runs: comparison of two sets of values, and export of the last result."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -127,3 +128,12 @@ def test_a_cross_validation_is_an_entry_of_the_history_and_no_run(torque: Path) 
     assert rows[1]["scores"][0] == {"criterion": "TorquePredict", "unit": "Nm", "training": 1.0, "test": 3.0}
     assert QUESTIONS["outcome"](session, {}).head["files"] == 2
     assert session.runs == []
+
+
+def test_the_history_says_how_long_a_run_took(ended: Session) -> None:
+    (run,) = ended.runs
+    row = next(each for each in QUESTIONS["sets"](ended, {}).head["rows"] if each["title"] == "run 1")
+    assert row["detail"].endswith(f" · {run.result.seconds.total:.2f} s")  # without its parts once more
+    ended.runs[0] = replace(run, seconds=12.3456)  # with the process that it ran in
+    row = next(each for each in QUESTIONS["sets"](ended, {}).head["rows"] if each["title"] == "run 1")
+    assert row["detail"].endswith(" · 12.35 s")

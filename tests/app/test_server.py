@@ -247,7 +247,7 @@ def test_a_page_opened_during_the_reading_of_its_project_shows_the_activity(
 
 
 def test_a_project_that_cannot_be_opened_ends_the_server(tmp_path: Path) -> None:
-    from kennfeld.app.server.server import serve
+    from kennfeld.app.server.serving import serve
     from kennfeld.app.workspace import AppWorkspace
     from kennfeld.base.errors import InputError
 

@@ -5,9 +5,11 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from kennfeld.base.errors import ArgumentError
-from kennfeld.base.numeric import array, number, truths
+from kennfeld.base.numeric import array, median, number, truths
 
 
 @pytest.mark.parametrize(
@@ -151,3 +153,11 @@ def test_values_other_than_true_and_false_are_refused(given, message):
     with pytest.raises(ArgumentError) as error:
         truths(given, "locked of Gain")
     assert str(error.value) == message
+
+
+@given(st.lists(st.floats(-1e9, 1e9), min_size=1, max_size=12), st.booleans())
+def test_the_median_is_that_of_numpy(numbers, overwrite):
+    values = np.array(numbers)
+    assert median(values.copy(), overwrite=overwrite) == np.median(values)
+    median(values)
+    assert values.tolist() == numbers

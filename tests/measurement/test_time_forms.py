@@ -297,3 +297,13 @@ def test_dates_that_fall_while_the_day_goes_on_are_left_out_of_the_time(csv):
     assert data.time.tolist() == [0, 1, 2]
     (finding,) = data.findings
     assert "its dates do not go with the times of day of Time" in finding.message
+
+
+@pytest.mark.parametrize(
+    ("steps", "counted"), [([1, 1, 9000], True), ([1, 1, 9000, 9000], False), ([1, 3, 5, 9], True)]
+)
+def test_the_median_step_decides_whether_stamps_are_too_coarse(csv, steps, counted):
+    # steps below 64 are too coarse for doubles near this number
+    stamps = 2.0**40 + np.cumsum([0.0, *steps]) / 4096 * 64
+    data = read(csv("time [s],n\n" + "".join(f"{s!r},{k}\n" for k, s in enumerate(stamps.tolist()))))
+    assert any("count from the first one" in finding.message for finding in data.findings) == counted

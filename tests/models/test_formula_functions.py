@@ -47,6 +47,7 @@ def run(text: str, starts: tuple[int, ...] = (0,), **scalars: float) -> np.ndarr
         ("cosh(u)", np.cosh(U)),
         ("tanh(u)", np.tanh(U)),
         ("erf(u)", np.array([math.erf(u) for u in U])),
+        ("erfc(u)", np.array([math.erfc(u) for u in U])),
         ("floor(u)", np.floor(U)),
         ("ceil(u)", np.ceil(U)),
         ("round(u)", np.array([2.0, -2.0, 0.0, 4.0, 4.0, -1.0, 0.0, 8.0, 3.0, -4.0])),

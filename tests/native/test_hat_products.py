@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.analysis.missing.candidate_sums import _CarriedShare, _Samples, _SparseShare
+from kennfeld.analysis.missing.candidate_columns import CandidateColumns
+from kennfeld.analysis.missing.candidate_shares import RowShare, SparseShare
 from kennfeld.analysis.missing.families import HatAxis, channel_families
 from kennfeld.analysis.missing.probes import Nodes, Probes, is_probe
 from kennfeld.optimize.problem.setup import ProblemSetup
 from kennfeld.optimize.sums.compiled import CompiledProblem
 
 
-@pytest.mark.parametrize("share_type", [_SparseShare, _CarriedShare])
+@pytest.mark.parametrize("share_type", [SparseShare, RowShare])
 def test_the_sums_are_products_of_whole_columns(share_type):
     rng = np.random.default_rng(0)
     data = {name: rng.uniform(-1, 1, 200) for name in ("x", "z", "m")}
@@ -22,11 +23,11 @@ def test_the_sums_are_products_of_whole_columns(share_type):
     compiled = CompiledProblem(probes.problem)
     axes = [HatAxis("z", "z", (-1.0, 0.2, 1.0)), HatAxis("x", "x", (-0.5, 0.5))]
     [family] = channel_families(probes, axes, ("add", "multiply"), nodes.constant, compiled.values.free)
-    samples = _Samples.of(compiled, family, compiled.start, {}, 0)
+    [samples] = CandidateColumns.of_all(compiled, [family], {}, 0)
     shares = {}
 
     def visit(share, space, chunk, begins):
-        shares.setdefault(share, share_type(samples)).add(space, chunk, begins)
+        shares.setdefault(share, share_type(samples)).add(space, chunk, begins, None)
 
     compiled.sums.each_tape(compiled.start, visit)
     sums = shares[0].sums()

@@ -46,6 +46,18 @@ def test_the_last_sample_alone_has_the_same_values(monkeypatch):
             np.testing.assert_array_equal(simulator.last(model.columns, 70, model.parameters), whole[:, -1])
 
 
+def test_a_simulation_in_steps_goes_on_where_it_stopped():
+    for make in MODELS.values():
+        model = case(make(), 70, (0,))
+        low = lower_lookups(model.graph, model.parameters)
+        simulator = Simulator(low, list(low.graph.names.values()), model.parameters)
+        whole = simulator.over(model.columns, model.samples, model.parameters)
+        steps = simulator.steps(model.columns, model.samples, model.parameters)
+        steps.start(0)
+        parts = [steps.over(first, min(first + 9, 70)) for first in range(0, 70, 9)]
+        np.testing.assert_array_equal(np.concatenate(parts, axis=1), whole)
+
+
 def test_a_simulation_of_no_samples_has_no_last_one():
     model = case(next(iter(MODELS.values()))(), 70, (0,))
     low = lower_lookups(model.graph, model.parameters)

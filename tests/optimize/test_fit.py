@@ -5,7 +5,8 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.domain.criteria import ROBUST_LOSSES
-from kennfeld.optimize.fit.fit import default_tolerance
+from kennfeld.optimize.fit.fit import FitRun, default_tolerance
+from kennfeld.optimize.fit.result import Seconds
 from kennfeld.optimize.limits.linear_limits import linear_limits
 from kennfeld.optimize.limits.projection import project
 from kennfeld.optimize.problem.options import Options
@@ -375,6 +376,26 @@ def test_a_descent_without_a_tolerance_ends_at_the_resolution_of_the_data(count,
     compiled = CompiledProblem(ProblemSetup("m = A(u, v)", data, start, "y").problem())
     assert compiled.residuals == samples
     assert default_tolerance(compiled, LeastSquaresObjective(compiled)) == pytest.approx(tolerance)
+
+
+@pytest.mark.parametrize(
+    ("text", "count", "samples", "tolerance", "significant"),
+    [
+        ("m = C(A(u, v))", 10, 2000, None, 1e-3),
+        ("m = C(A(u, v))", 10, 60_000, None, 0.05 * 110 / 60_000),
+        ("m = C(A(u, v))", 10, 2000, 1e-6, 0.0),  # as asked for
+        ("m = C(A(u, v))", 7, 2000, None, 0.0),  # few values are solved to the last digit
+        ("m = A(u, v) + C(v)", 10, 2000, None, 0.0),  # without kinks
+    ],
+)
+def test_slopes_at_kinks_have_to_promise_what_the_data_can_distinguish(text, count, samples, tolerance, significant):
+    random = np.random.default_rng(0)
+    data = {name: random.random(samples) for name in ("u", "v", "y")}
+    axis = np.linspace(0, 1, count)
+    start = kf.ParameterSet([kf.Map("A", axis, axis, np.zeros((count, count))), kf.Curve("C", axis, axis)])
+    problem = ProblemSetup(text, data, start, "y").problem()
+    run = FitRun(problem, kf.Options(tolerance=tolerance), None, Seconds())
+    assert run.significant == pytest.approx(significant)
 
 
 @pytest.mark.parametrize("start", [0.0, -1000.0, 1e-8])

@@ -346,6 +346,26 @@ def test_a_value_near_a_lower_cost_is_not_a_minimum():
     assert descend(objective, [1.2]).status == "failed"
 
 
+def test_an_end_at_a_kink_is_doubted_only_if_its_slopes_promise_enough():
+    def side(values):
+        return np.where(values >= 0, 1.0, -1.0)
+
+    def end(doubtful):
+        kinked = Residuals(
+            lambda p: np.array([1 + 0.1 * abs(p[0]), p[0], 5.0]),
+            lambda p: np.array([0.1 * side(p), [1.0], [0.0]]),
+        )
+        return descend(kinked, [1.0], doubtful_promise=doubtful)
+
+    always, more, less = end(0.0), end(1e-4), end(1e-3)
+    for result in (always, more, less):
+        assert result.status == "converged"
+        assert result.cost == pytest.approx(26.0, rel=1e-6)
+        assert 1e-4 < result.certificate.predicted_decrease < 1e-3
+    assert more.evaluations == always.evaluations
+    assert less.evaluations < 0.6 * always.evaluations
+
+
 @pytest.mark.parametrize(("target", "status"), [(1.0, "converged"), (1e-13, "failed")])
 def test_residuals_as_small_as_the_rounding_of_the_targets_converge(target, status):
     # the output hardly depends on the value, so that |J p| does not tell its rounding

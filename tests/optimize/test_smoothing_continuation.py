@@ -10,6 +10,7 @@ from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings
 from kennfeld.optimize.strategies.smoothing_continuation import LONG_SCHEDULE, SHORT_SCHEDULE, Continuation
 from kennfeld.optimize.sums import compiled as compilation
 from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.project.demo import torque
 from tests.draws import mostly_slow
 
 TEXT = "delta = Opt(u, v) - w\nm = M(u, v) * Eta(delta)"
@@ -56,6 +57,31 @@ def stages(result):
 
 def widths(names):
     return [float(name.split()[1]) for name in names if name.startswith("smooth")]
+
+
+@pytest.mark.parametrize(("continuation", "most", "highest"), [("auto", 170, 8695.0), ("off", 85, 8720.0)])
+def test_the_torque_bench_takes_few_evaluations(continuation, most, highest):
+    """Notice stages that cost much and gain little: unlike seconds, evaluations do not depend on the load."""
+    result = kf.calibrate(
+        torque.FORMULA,
+        torque.bench(),
+        torque.start(),
+        target="Torque",
+        node="TorquePredict",
+        smoothness=torque.SMOOTHNESS,
+        pins=[kf.Pin(*torque.PIN)],
+        options=kf.Options(continuation=continuation),
+    )
+    assert result.converged
+    assert not result.warnings
+    assert result.cost_after < highest
+    assert result.evaluations < most
+    if continuation == "auto":
+        # within 0.1 % of the lowest cost known once the first lookups are sharp
+        steps = [line.stage for line in result.trace if not line.stage.startswith("smooth") and line.cost < 8699.4]
+        before = next(number for number, line in enumerate(result.trace) if line.stage == steps[0])
+        assert steps[0] == "exact"
+        assert before < 35
 
 
 @pytest.mark.slow

@@ -201,9 +201,16 @@ def write_gaps(folder, files=4):
         file.write_text("\n".join(map(",".join, [head, *rows])) + "\n", encoding="utf-8")
 
 
+def give_memory(folder):
+    """Let the output settle, nearly at once."""
+    text = (folder / "f.kf").read_text(encoding="utf-8")
+    assert "base - drag" in text
+    (folder / "f.kf").write_text(text.replace("base - drag", "PT1(base - drag, 0.01)"), encoding="utf-8")
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["add", "map"])
-def test_partitions_give_the_same_list(tmp_path, kind):
+@pytest.mark.parametrize(("kind", "remembers"), [("add", False), ("map", False), ("add", True)])
+def test_partitions_give_the_same_list(tmp_path, kind, remembers):
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     for folder, more in ((whole, ""), (parts, "[cluster]\npartition = 200\n")):
         folder.mkdir()
@@ -211,6 +218,8 @@ def test_partitions_give_the_same_list(tmp_path, kind):
         if kind == "map":
             plant_map(folder, files=4)
         write_gaps(folder)
+        if remembers:
+            give_memory(folder)
     contents = []
     for folder in (whole, parts):
         project = Project.read(folder / "kennfeld.toml")
@@ -223,11 +232,14 @@ def test_partitions_give_the_same_list(tmp_path, kind):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("remembers", [False, True], ids=["without memory", "with memory"])
 @pytest.mark.parametrize("kinds", [("add", "lag"), ("map",)], ids=["curves", "maps"])
-def test_a_cluster_gives_the_same_list_to_the_bit(tmp_path, shared_cluster, kinds):
+def test_a_cluster_gives_the_same_list_to_the_bit(tmp_path, shared_cluster, kinds, remembers):
     path = write_bench(tmp_path, planted="drag" if "add" in kinds else "", timed=True, files=4)
     if "map" in kinds:
         plant_map(tmp_path, files=4)
+    if remembers:
+        give_memory(tmp_path)
     lists = []
     for address in ("", shared_cluster.address):
         project = in_partitions(path, 200, scheduler=address)

@@ -4,7 +4,7 @@ import { effect } from "@preact/signals";
 import { overlay } from "./commands";
 import { Dialog } from "./dialog";
 import { numberText, signed, unitText } from "./drawing/numbers";
-import { type Line, linesOf, othersText, shortened, shownLines } from "./header-lines";
+import { changeOf, type Line, linesOf, othersText, shortened, shownLines } from "./header-lines";
 import type { ScoreRow } from "./replies";
 import { onRenewal, scoped } from "./scope";
 import { state } from "./store";
@@ -115,7 +115,7 @@ function Change({ rmse, before, last: earlier }: Record<"rmse" | "before" | "las
   const share = rmse !== null && before ? (rmse / before - 1) * 100 : null;
   const sinceStart = share === null || Math.abs(share) < 0.05 ? "" : `${signed(share, 3)} %`;
   if (edited.value && rmse !== null && earlier !== null) {
-    const by = rmse - earlier;
+    const by = changeOf(earlier, rmse);
     const kind = by === 0 ? "q" : by > 0 ? "bad" : "good";
     return (
       <td class={`d ${kind}`} title={`Change by the last edit; since the start ${sinceStart || "none"}`}>
@@ -175,8 +175,8 @@ export function ErrorList() {
               <td class="num ink">{numberText(test?.rmse)}</td>
               <td class="q">{unitText(training?.unit ?? test?.unit ?? "")}</td>
               <td class="num">
-                {training?.rmse != null && training.last != null && training.rmse !== training.last
-                  ? signed(training.rmse - training.last, 3)
+                {training?.rmse != null && training.last != null && changeOf(training.last, training.rmse) !== 0
+                  ? signed(changeOf(training.last, training.rmse), 3)
                   : "0"}
               </td>
             </tr>

@@ -25,7 +25,7 @@ import {
 } from "./store";
 
 export function Header() {
-  const { project, unsaved, undo, redo, job, runs, waiting } = state.value;
+  const { project, unsaved, undo, redo, job, waiting } = state.value;
   const running = isRunning(job);
   return (
     <header>
@@ -111,7 +111,7 @@ export function Header() {
                 {waiting.length === 1 ? "1 edit waits" : `${waiting.length} edits wait`}
               </span>
             ) : (
-              <span>{jobText(job, runs.length)}</span>
+              <JobText />
             )}
           </div>
           <button
@@ -161,10 +161,18 @@ export function Header() {
   );
 }
 
-function jobText(job: typeof state.value.job, runs: number): string {
-  if (isRunning(job)) return `${job.message} · ${job.seconds.toFixed(1)} s`;
-  if (job.validates) return `cross-validation · ${job.seconds.toFixed(1)} s`;
-  return runs ? `run ${runs} · ${job.iterations} it. · ${job.seconds.toFixed(2)} s` : "no run yet";
+/** What runs or has run; a narrow header leaves the time to the tooltip. */
+function JobText() {
+  const { job, runs } = state.value;
+  const seconds = `${job.seconds.toFixed(isRunning(job) || job.validates ? 1 : 2)} s`;
+  if (isRunning(job) || job.validates)
+    return <span>{`${job.validates && !isRunning(job) ? "cross-validation" : job.message} · ${seconds}`}</span>;
+  if (runs.length === 0) return <span>no run yet</span>;
+  return (
+    <span title={seconds}>
+      run {runs.length} · {job.iterations} it.<i class="long"> · {seconds}</i>
+    </span>
+  );
 }
 
 interface Step {

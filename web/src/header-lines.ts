@@ -30,11 +30,15 @@ export function shownLines(lines: readonly Line[], chosen: string): Line[] {
   return [lines.find((each) => each.criterion === chosen) ?? worst];
 }
 
+/** The change of an error, 0 if only the rounding of its sum has changed. */
+export const changeOf = (before: number, now: number): number =>
+  Math.abs(now - before) <= 1e-12 * Math.abs(before) ? 0 : now - before;
+
 /** How many of the others the last edit made worse, in words. */
 export function othersText(lines: readonly Line[], shown: Line): string {
   const others = lines.filter((each) => each !== shown);
   const worse = others.filter(
-    ({ training }) => training !== null && (training.rmse ?? 0) > (training.last ?? Infinity),
+    ({ training }) => training !== null && changeOf(training.last ?? Infinity, training.rmse ?? 0) > 0,
   );
   return `${others.length} more, ${worse.length === 0 ? "none" : worse.length} worse than before the edit`;
 }

@@ -688,7 +688,7 @@ export interface TrustReply {
   holdings?: string[];
   noise?: NoiseRow[];
   remark?: string;
-  /** Samples less fitted values. */
+  /** The effective number of values that the data alone determine. */
   freedom?: number | null;
   /** Number of free values. */
   values?: number;

@@ -1,5 +1,5 @@
 import { expect, test } from "vitest";
-import { linesOf, othersText, shortened, shownLines } from "../src/header-lines";
+import { changeOf, linesOf, othersText, shortened, shownLines } from "../src/header-lines";
 import type { ScoreRow } from "../src/replies";
 
 const score = (criterion: string, use: string, rmse: number, own: Partial<ScoreRow> = {}): ScoreRow => ({
@@ -38,4 +38,10 @@ test("a long name loses its middle", () => {
   expect(shortened("TorquePredict", 14)).toBe("TorquePredict");
   expect(shortened("TemperaturePredicted", 11)).toBe("Tempe…icted");
   expect(shortened("x".repeat(200), 14)).toHaveLength(14);
+});
+
+test("does not take the rounding of a sum for a change by the edit", () => {
+  expect(changeOf(1.474, 1.474 + 8.9e-16)).toBe(0);
+  expect(changeOf(1.474, 1.4740001)).toBeCloseTo(1e-7);
+  expect(changeOf(Infinity, 0)).not.toBeGreaterThan(0);
 });

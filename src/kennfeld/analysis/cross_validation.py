@@ -9,11 +9,11 @@ points at random.
 import pickle
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Literal, Unpack, get_args, overload
+from typing import Unpack, get_args, overload
 
 import numpy as np
 
-from kennfeld.analysis.validation_result import CrossValidation, FoldQuality
+from kennfeld.analysis.validation_result import CrossValidation, FoldQuality, Kind
 from kennfeld.base.arrays import Bool
 from kennfeld.base.errors import ArgumentError, InputError, Location
 from kennfeld.base.formatting import join_names
@@ -34,7 +34,6 @@ from kennfeld.optimize.search.multistart import run
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
 from kennfeld.preprocessing.coercion import Data
 
-Kind = Literal["auto", "files", "blocks", "random"]
 GAP = 0.05  # share of a block that is not fitted on each side of it
 
 MAX_NAMES = 3  # files of a fold that are named

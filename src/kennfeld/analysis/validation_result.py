@@ -1,13 +1,15 @@
 """The result of a cross-validation: the errors of every fold, and what they say about overfitting."""
 
 from collections.abc import Iterator, Mapping
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.notebook_display import NotebookDisplay
 from kennfeld.base.numeric import finite_or_none
+
+Kind = Literal["auto", "files", "blocks", "random"]  # how folds are formed
 
 MAX_RATIO = 1.3  # of the RMSE on held-out data to that in training; above it the fit follows noise
 

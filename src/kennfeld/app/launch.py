@@ -1,21 +1,22 @@
 """Start of the app: serve a project and open the page in the browser."""
 
+import gc
 import webbrowser
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from html import escape
 from pathlib import Path
 from urllib.parse import urlsplit, urlunsplit
 
 from kennfeld.app.server.restart import servers_folder
 from kennfeld.app.server.security import TICKET, new_token
-from kennfeld.app.server.server import serve
+from kennfeld.app.server.serving import serve
 from kennfeld.app.session.files_on_disk import read_exactly
 from kennfeld.app.workspace import AppWorkspace, project_file
 from kennfeld.base.atomic_files import write_whole
 from kennfeld.base.errors import InputError, Location
 from kennfeld.base.run_processes import unmarked
-from kennfeld.models.code_consent import allowed_only
 
+COLLECTIONS = (200_000, 50, 50)  # thresholds: what is loaded stays, and looking for garbage in it delays answers
 REDIRECT = """<!doctype html>
 <meta charset="utf-8">
 <meta name="referrer" content="no-referrer">
@@ -38,13 +39,18 @@ def launch(path: Path | None, port: int = 0, *, browser: bool = True) -> None:
     """
     if path is not None:
         read_exactly(project_file(path))  # what cannot be opened is refused before the browser starts
-    # what the user has not allowed is refused here; the page asks
-    with allowed_only():
-        _launch(AppWorkspace(), path, port, browser)
+    gc.set_threshold(*COLLECTIONS)
+    with ExitStack() as gates:
+        _launch(AppWorkspace(), path, port, browser, gates)
 
 
-def _launch(workspace: AppWorkspace, path: Path | None, port: int, browser: bool) -> None:
+def _launch(workspace: AppWorkspace, path: Path | None, port: int, browser: bool, gates: ExitStack) -> None:
     ticket, redirects = new_token(), list[Path]()
+
+    def prepare() -> None:
+        from kennfeld.models.code_consent import allowed_only
+
+        gates.enter_context(allowed_only())  # what the user has not allowed is refused; the page asks
 
     def ready(address: str) -> None:
         print(f"Kennfeld runs at {address}", flush=True)
@@ -54,7 +60,7 @@ def _launch(workspace: AppWorkspace, path: Path | None, port: int, browser: bool
                 webbrowser.open(redirects[0].as_uri())
 
     try:
-        serve(workspace, port, ready, path, ticket)
+        serve(workspace, port, ready, path, ticket, prepare)
     except OSError as error:
         message = f"port {port} cannot be used: {error.strerror or error}"
         raise InputError.of(Location("--port"), message, "Name another one, or 0 for a free one.") from None

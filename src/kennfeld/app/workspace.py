@@ -1,23 +1,25 @@
-"""The open projects that pages share, and the answers to their questions."""
+"""The open projects that pages share, and the answers to their questions.
+
+What opens a project and answers questions is imported when it is first used, in the thread of the sessions: the server
+answers the browser before.
+"""
 
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from kennfeld.app.answer import Answer
 from kennfeld.app.folders import confined, free_path
-from kennfeld.app.project_questions import OPENING, PROJECT_QUESTIONS
-from kennfeld.app.questions import COMMANDS, QUESTIONS
-from kennfeld.app.questions.overview import AppState, NoProject, StateNews, overview
 from kennfeld.app.recent import project_id, recent_projects, remember, summarise
 from kennfeld.app.session.activity import Activity, StoppedError
-from kennfeld.app.session.session import Session
-from kennfeld.app.session.summary import summarise_session
-from kennfeld.app.wire import to_answer
 from kennfeld.base.errors import ArgumentError, InputError, Location
 from kennfeld.base.lazy_dataclass import dataclass
+
+if TYPE_CHECKING:
+    from kennfeld.app.session.session import Session
 
 UPLOAD_ENDING = ".upload.part"
 ABANDONED = 600.0  # s after which an upload is not in progress any more
@@ -47,8 +49,12 @@ class AppWorkspace:
         if path is not None:
             self.open(path)
 
+    def load(self) -> None:
+        """Import what opens projects and answers questions, which takes longer than all else at the start."""
+        import_module("kennfeld.app.questions.overview")
+
     @property
-    def session(self) -> Session | None:
+    def session(self) -> "Session | None":
         """The project that was opened last."""
         return self._sessions.get(self.latest)
 
@@ -77,6 +83,8 @@ class AppWorkspace:
         path = project_file(path).resolve()
         project = project_id(path)
         if project not in self._sessions:
+            from kennfeld.app.session.session import Session
+
             _remove_parts(path.parent)
             self._sessions[project] = Session(path, lambda: self._wake(project), self._activity)
         self.latest, self._seen[project] = project, time.monotonic()
@@ -145,10 +153,10 @@ class AppWorkspace:
         May be read from any thread.
         """
         text, share = self._activity.present
-        return to_answer(ActivityNews(text, share)) if text else None
+        return _activity_news(text, share) if text else None
 
     def _tell_activity(self, text: str, share: float | None) -> None:
-        self._push("activity", to_answer(ActivityNews(text, share)), self._asking)
+        self._push("activity", _activity_news(text, share), self._asking)
 
     def say(self, text: str) -> None:
         """Tell pages what takes a while. Raises `StoppedError` if a user has stopped it."""
@@ -159,6 +167,9 @@ class AppWorkspace:
         self._activity.stop()
 
     def _answer(self, ask: str, given: Mapping[str, Any], project: str) -> Answer:
+        from kennfeld.app.project_questions import OPENING, PROJECT_QUESTIONS
+        from kennfeld.app.questions import COMMANDS, QUESTIONS
+
         if ask in PROJECT_QUESTIONS:
             answer = PROJECT_QUESTIONS[ask](self, given)
             if ask in OPENING:
@@ -182,7 +193,7 @@ class AppWorkspace:
         revision = 0 if session is None else session.revision
         return Answer({"project": project, "revision": revision, **answer.head}, answer.arrays)
 
-    def session_of(self, project: str) -> Session:
+    def session_of(self, project: str) -> "Session":
         """Return an open project. Raises `ArgumentError` if it is not open."""
         if not project:
             raise ArgumentError("no project is open")
@@ -231,7 +242,9 @@ class AppWorkspace:
         for session in self._sessions.values():
             self._summarise(session)
 
-    def _summarise(self, session: Session) -> None:
+    def _summarise(self, session: "Session") -> None:
+        from kennfeld.app.session.summary import summarise_session
+
         summarise(session.path, summarise_session(session))
 
     def store(self, part: Path, name: str, project: str) -> Path:
@@ -253,6 +266,9 @@ class AppWorkspace:
 
     def snapshot(self, project: str) -> Answer:
         """Return the state that every page of a project shows."""
+        from kennfeld.app.questions.overview import AppState, NoProject, StateNews, overview
+        from kennfeld.app.wire import to_answer
+
         session = self._sessions.get(project)
         state = NoProject() if session is None else overview(session)
         # what pages know
@@ -266,6 +282,12 @@ class ActivityNews:
 
     text: str
     share: float | None
+
+
+def _activity_news(text: str, share: float | None) -> Answer:
+    from kennfeld.app.wire import to_answer
+
+    return to_answer(ActivityNews(text, share))
 
 
 def project_file(path: Path) -> Path:

@@ -119,6 +119,23 @@ def truths(source: Any, label: str) -> Bool:
     return np.asarray(values != 0)
 
 
+def median(values: Float, *, overwrite: bool = False) -> float:
+    """Return the median of finite numbers, Float[n], n > 0, as `np.median` does, which loads masked arrays for it.
+
+    Args:
+        values: the numbers.
+        overwrite: the order of the numbers may change.
+
+    >>> median(np.array([3.0, 1.0, 2.0])), median(np.array([4.0, 1.0, 2.0, 3.0]))
+    (2.0, 2.5)
+    """
+    middle = values.size // 2
+    pair = (middle, middle) if values.size % 2 else (middle - 1, middle)
+    ordered = values if overwrite else values.copy()
+    ordered.partition(pair)
+    return float(ordered[pair[0]] + ordered[pair[1]]) / 2
+
+
 def _of_objects(values: Any, label: str) -> Float:
     """Return the numbers of an array of objects, which have no common numeric type."""
     numbers_ = np.empty(values.shape)

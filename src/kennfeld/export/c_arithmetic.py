@@ -12,7 +12,7 @@ COMPARISONS = {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==", "ne": "
 _BINARY = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 _LIBRARY = {
     **{name: name for name in ("sqrt", "floor", "ceil", "exp", "log", "log10", "sin", "cos", "tan", "asin", "acos")},
-    **{name: name for name in ("atan", "atan2", "sinh", "cosh", "tanh", "pow", "erf")},
+    **{name: name for name in ("atan", "atan2", "sinh", "cosh", "tanh", "pow", "erf", "erfc")},
     "abs": "fabs",
 }
 OWN = ("min", "max", "mod", "round", "sign")  # written as functions of the exported code

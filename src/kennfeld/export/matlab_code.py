@@ -21,7 +21,7 @@ _KEYWORDS = ("classdef", "elseif", "end", "function", "global", "otherwise", "pa
 _BINARY = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 _OWN = {"min": "lesser", "max": "greater", "mod": "remainder"}
 _UNCHANGED = (
-    *("floor", "ceil", "exp", "sin", "cos", "tan", "atan", "atan2", "sinh", "cosh", "tanh", "erf", "abs"),
+    *("floor", "ceil", "exp", "sin", "cos", "tan", "atan", "atan2", "sinh", "cosh", "tanh", "erf", "erfc", "abs"),
     *("round", "sign"),
 )
 # what the code calls, its local functions included

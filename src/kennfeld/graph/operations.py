@@ -63,6 +63,10 @@ def _erf(x: Any) -> Any:
     return np.reshape([math.erf(number) for number in np.ravel(x)], np.shape(x))
 
 
+def _erfc(x: Any) -> Any:
+    return np.reshape([math.erfc(number) for number in np.ravel(x)], np.shape(x))
+
+
 def _mod(a: Any, b: Any) -> Any:
     """Compute the remainder with the sign of the divisor; the dividend if the divisor is zero."""
     return np.where(b == 0, a, a - np.floor(a / b) * b)
@@ -182,6 +186,7 @@ OPERATIONS: dict[str, Operation] = {
     "cosh": _unary(np.cosh, lambda w, x, y: w.call("sinh", x)),
     "tanh": _unary(np.tanh, lambda w, x, y: _one_minus_square(w, y)),
     "erf": _unary(_erf, _erf_slope),
+    "erfc": _unary(_erfc, lambda w, x, y: w.call("neg", _erf_slope(w, x, y))),
     # rounds to single precision; the slope is that of what it rounds, as its steps are smaller than those of a search
     "single": _unary(lambda x: np.float32(x).astype(np.float64), lambda w, x, y: w.const(1.0)),
     "floor": _steps(1, _quiet(np.floor)),

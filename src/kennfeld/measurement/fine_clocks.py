@@ -12,6 +12,7 @@ import numpy as np
 
 from kennfeld.base.arrays import Float
 from kennfeld.base.errors import Finding
+from kennfeld.base.numeric import median
 from kennfeld.measurement.table import Column, Selection, Table
 from kennfeld.measurement.time_column import find_time
 from kennfeld.measurement.unit_text import in_seconds, time_unit
@@ -44,7 +45,10 @@ def _is_coarse(clock: Column) -> bool:
         return False
     steps = np.abs(np.diff(known))
     steps = steps[steps > 0]  # stamps of few digits repeat
-    return bool(steps.size) and float(np.median(steps)) < _FINE * float(np.spacing(np.abs(known).max()))
+    coarse = _FINE * float(np.spacing(np.abs(known).max()))
+    # the median is below that if more than half of the steps are; only at a tie does it have to be known
+    excess = 2 * int(np.count_nonzero(steps < coarse)) - steps.size
+    return median(steps) < coarse if steps.size and excess == 0 else excess > 0
 
 
 def _first(clock: Column) -> tuple[float, float] | None:

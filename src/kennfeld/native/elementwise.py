@@ -112,5 +112,5 @@ VALUES: dict[str, Callable[..., str]] = {
     "abs": _abs,
     "single": _single,
     **{name: _intrinsic(name) for name in ("sqrt", "floor", "ceil")},
-    **{name: _elementary(name) for name in sorted(ELEMENTARY - {"erfc"})},
+    **{name: _elementary(name) for name in sorted(ELEMENTARY)},
 }

@@ -119,6 +119,13 @@ class Simulator:
                 for at in range(first, last, CHUNK):
                     run.values(address(out) + at * out.itemsize, count, at, min(at + CHUNK, last))
 
+    def steps(self, columns: Mapping[str, Row], count: int, parameters: ParameterSet) -> "SimulatedSteps":
+        """Return a simulation that goes on where it stopped; see `over` for the arguments.
+
+        The function must call no others, whose own memory knows one simulation at a time.
+        """
+        return SimulatedSteps(_Run(self, self._rows(columns, count, parameters), parameters), len(self._roots))
+
     def last(self, columns: Mapping[str, Float], count: int, parameters: ParameterSet) -> Float:
         """Compute the values of the nodes at the last sample, shape (roots,); memory does not grow with the samples.
 
@@ -216,3 +223,20 @@ class _Run:
     def values(self, out: int, stride: int, first: int, last: int) -> None:
         """Write the nodes over a range of samples to the address `out`, rows `stride` apart; carries the states on."""
         self._simulator._run(*self._model, out, stride, first, last)
+
+
+class SimulatedSteps:
+    """The values of the nodes over one range of samples after the other."""
+
+    def __init__(self, run: _Run, roots: int) -> None:
+        self._run, self._roots = run, roots
+
+    def start(self, sample: int) -> None:
+        """Set the states to their first values at a sample."""
+        self._run.start(sample)
+
+    def over(self, first: int, last: int) -> Float:
+        """Compute the nodes from the sample at which the last range ended, or the start; Float[roots, samples]."""
+        out = np.empty((self._roots, last - first))
+        self._run.values(address(out), last - first, first, last)
+        return out

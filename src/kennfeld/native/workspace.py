@@ -175,6 +175,14 @@ class Workspace:
         numbers = owners[:, None] * self.kernel.values.free + self.index[:length]
         return np.unique(numbers[used])
 
+    def carried(self) -> tuple[Float, Int]:
+        """Return S and the places in its ring buffers, for `carry`."""
+        return self.sensitivities.copy(), self.turn.copy()
+
+    def carry(self, sensitivities: Float, turn: Int) -> None:
+        """Set S to what `carried` returned, to go through the same samples again."""
+        self.sensitivities[:], self.turn[:] = sensitivities, turn
+
     def start_slopes(self, sample: int) -> dict[int, Float]:
         """Return by column the slopes of the first values of the carried states at a sample, Float[carried]."""
         if not self.kernel.line.start_atoms:

@@ -9,6 +9,7 @@ import numpy as np
 from kennfeld.base.arrays import Bool, Float, Int
 from kennfeld.base.errors import InputError, Location
 from kennfeld.base.lazy_dataclass import dataclass
+from kennfeld.base.numeric import median
 from kennfeld.domain.dataset import PAUSE, Dataset, longest_usual_step, time_steps
 from kennfeld.graph import Graph
 from kennfeld.graph.node import NEXT_STEP, STEP, TIME
@@ -215,11 +216,11 @@ def _steps(time: Float, starts: Int) -> Float:
     # the difference at the start of a piece is from another recording; it is replaced below
     np.subtract(time[1:], time[:-1], out=dt[1:])
     lengths = np.diff(starts, append=time.size)
-    alone = float(np.median(np.delete(dt, starts))) if lengths.min() == 1 and dt.size > starts.size else 1.0
+    alone = median(np.delete(dt, starts)) if lengths.min() == 1 and dt.size > starts.size else 1.0
     dt[starts] = np.where(lengths > 1, dt[np.minimum(starts + 1, time.size - 1)], alone)
     low, high = float(dt.min()), float(dt.max())
     # the median may reorder dt if the range says already that one number replaces it
-    even = float(np.median(dt, overwrite_input=high - low <= EVEN * low))
+    even = median(dt, overwrite=high - low <= EVEN * low)
     if max(high - even, even - low) <= EVEN * even:
         return np.broadcast_to(even, time.size)
     return dt

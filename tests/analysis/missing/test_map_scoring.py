@@ -33,7 +33,7 @@ def scored(problem, families_of):
     return [
         score
         for family in families
-        for score in linear.scores(family, family_sums(compiled, family, compiled.start, {}, 0))
+        for score in linear.scores(family, family_sums(compiled, [family], compiled.start, {}, 0)[0])
     ]
 
 

@@ -43,12 +43,12 @@ def scores_of(problem, kinds=("add",), axes=AXES, series=()):
     linear = Linearisation(compiled, compiled.start, block_sums(compiled, compiled.start, {}, 0), names)
     families = [
         *channel_families(probes, axes, kinds, nodes.constant, compiled.values.free),
-        *series_families(probes, series, compiled.sample_count),
+        *series_families(probes, series),
     ]
     scores = [
         score
         for family in families
-        for score in linear.scores(family, family_sums(compiled, family, compiled.start, {}, 0))
+        for score in linear.scores(family, family_sums(compiled, [family], compiled.start, {}, 0)[0])
     ]
     return {(s.term.node, s.term.kind, s.term.channel or s.term.seconds or s.term.steps): s for s in scores}, linear
 

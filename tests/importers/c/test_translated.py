@@ -15,7 +15,7 @@ from tests.importers.c.compiled import compiled_step, needs_compiler
 
 pytest.importorskip("pycparser")
 
-LONG = {"break and return", "turns"}  # programs of which every pass of a loop has several ends
+LONG = {"break and return", "turns", "pointers that move"}  # programs of which every pass of a loop has several ends
 PROGRAMS = {
     "break and return": """
         static const double X[5] = {-8, -1, 0.5, 2, 7}, Y[5] = {5, 4, -2, 8, 1};
@@ -287,6 +287,90 @@ PROGRAMS = {
             return b[0] + 3 * b[2] + 5 * b[3] + s.y[1] + 2 * s.y[2] + 11 * t[0].y[1] + 13 * t[1].y[2] + t[1].k + s.k
                 + '\\xff' + '\\101' + '\\0';
         }""",
+    "pointers that move": """
+        static const double T[6] = {1, -2, 4, 8, -16, 32};
+        typedef struct { double x, y; } Pair;
+        static const Pair PAIRS[4] = {{-3, 1}, {0, 2}, {2, 5}, {6, 9}};
+        static double sum(const double *x, int n) { double s = 0; while (n--) s += *x++; return s; }
+        static double between(const double *a, const double *e) { return e - a; }
+        static void scale(double *x, int n, double k) { for (double *p = x; p < x + n; ++p) *p *= k; }
+        static double first(const double *x) { return x[0] + 10 * x[1]; }
+        double step(double u, int n, double *y) {
+            double a[6], m[2][3] = {{1, 2, 3}, {4, 5, 6}}, *w = a, s = 0;
+            const double *r = T + 1, *best = 0;
+            const Pair *pair, *hit = 0;
+            for (int i = 0; i < 6; i++) *w++ = T[i] * u + i;
+            s += sum(a, 6) + 10 * (w - a);
+            w -= 2; s += *w; *--w = 7; s += w[1] + *(w - 1) + w[-2];
+            scale(a, 3, 2.0);
+            scale(a + 2, 2, -1.0);
+            s += a[0] + 3 * a[1] + 5 * a[2] + 7 * a[3] + 11 * a[4] + first(&a[3]) + first(w - 2);
+            for (const double *p = T; p != T + 6; p += 2) s += *p * u;
+            for (pair = PAIRS; pair < &PAIRS[3] && pair->x < u; pair++) ;
+            s += pair->y + 100 * (pair - PAIRS);
+            for (int i = 0; i < 4; i++) if (PAIRS[i].x > u) { hit = &PAIRS[i]; break; }
+            if (hit) s += 1000 * hit->y; else s -= 1e4;
+            if (hit != 0 && hit->y > 4) s += 3;
+            if (n > 2) r = &T[3]; else r++;
+            s += *r + r[1];
+            w = &m[0][0];
+            for (int i = 0; i < 6; i++) s += *w++ * (i + 1);
+            w = m[1];
+            w[1] = u; s += m[1][1]; w++; s += *w;
+            best = T;
+            for (const double *p = T; p < T + 6; p++) if (*p * u > *best * u) best = p;
+            s += 1e5 * (best - T) + *best;
+            { int k = n; const double *q = a; do { s += *q++; } while (k-- > 0 && q < a + 6); s += q - a; }
+            *y = a[0] + a[2] - a[5] + m[0][0];
+            return s + (r > T + 2) + first(&T[1]) + sum(T + 2, 3) + sum(m[1], 3);
+        }""",
+    "rare mathematics": """
+        #include <math.h>
+        double step(double u, int n, double *y) {
+            static const double special[8] = {0.0, -0.0, 1.0, -1.0, 0.0 / 0.0, 1.0 / 0.0, 1e-310, 5e-324};
+            double x = n < 0 ? u : special[n & 7]; int q = 77;
+            double rest = remquo(u * 7, n - 2.25, &q), next = nexttoward(x, u);
+            *y = lgamma(u) + lgamma(-1.0) * (n == 5) + erfc(9 - u) * 1e9;
+            return rest + (q & 7) + fpclassify(x) * 10 + (fpclassify(x) == FP_NAN) + tgamma(u) / tgamma(u - 1)
+                + (nextafter(u, n) - u) * 1e17 + (nextafter(4.0, -u) - 4.0) * 1e15
+                + (isnan(next) ? 100 : next > 1e300 ? 200 : next * 1e20);
+        }""",
+    "long products": """
+        #include <stdint.h>
+        double step(double u, int n, double *y) {
+            int a = (int)(u * 7e7), b = 1987654321 - n, d = (n + 3) * 70001;
+            int64_t mask = (int64_t)a * 1000 + n;
+            *y = (int32_t)(((int64_t)a * b) >> 31) + (int32_t)(((int64_t)a * b + 0x40000000) >> 31) * 3.0
+                + (double)((0x8000 + (int64_t)b * d) >> 16) + (double)(((uint64_t)(uint32_t)a * (uint32_t)b) >> 33);
+            mask ^= 0x5A5A5A5A5ALL; mask &= ~(int64_t)0xF0F; mask |= n & 7;
+            return (double)((int64_t)a * b / (d | 1)) + (double)mask;
+        }""",
+    "memory within arrays": """
+        #include <string.h>
+        #include <stdint.h>
+        typedef struct { int32_t a; float b; } Pair;
+        static int total(const int32_t *p, int n) { int s = 0; while (n-- > 0) s = 3 * s + *p++; return s; }
+        static float last(const Pair *p, int n) { const Pair *hit = NULL; for (; n > 0; n--, p++) if (p->a > 1) hit = p;
+            return hit == NULL ? -1 : hit->b; }
+        static void fill(uint8_t m[2][3], uint8_t x) {
+            uint8_t *p = m[0];
+            for (int i = 0; i < 6; ++i, x += 60) *(p++) = x;
+        }
+        double step(double u, int n, double *y) {
+            int a[5] = {1, 2, 3, 4, 5}, b[3] = {7, 8, 9}, c[2][2] = {{1, 2}, {3, 4}}, *p = a, *q = &a[4], k = n & 1;
+            static uint8_t m[2][3];
+            Pair pairs[4] = {{1, u}, {2, 3}, {n, 4}, {0, 5}};
+            memcpy(&a[2], b, 2 * sizeof(int));
+            memcpy(a + 1, &b[1], sizeof b[0]);
+            memset(c[1], 0, sizeof c[1]);
+            fill(m, n);
+            while (p < q) { int h = *p; *p++ = *q; *q-- = h; }
+            p = k ? p + 1 : &a[0];
+            p[0] += 10; p = p + k; *(p - k) *= 2;
+            *y = last(pairs, 4) + 10 * last(pairs + 1, 2) + 100 * last(&pairs[3], 1);
+            return total(a, 5) + total(a + 2, 3) + c[1][0] + m[1][2] + 7 * m[0][1]
+                + 1e5 * (q - a) + 1e6 * (p - a);
+        }""",
     "whole": """
         #include <math.h>
         double step(double u, int n, double *y) {
@@ -351,6 +435,44 @@ def test_a_loop_without_a_known_end_is_followed_for_some_passes_with_a_remark(tm
     assert "followed for 50 passes" in remark.message
     columns = {"a": np.array([0.5, 49.25, 1e9]), "b": np.zeros(3)}
     np.testing.assert_array_equal(evaluate(as_model(function).graph, columns, ParameterSet())["f"], [0.5, 0.25, np.nan])
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("float *p = (float *)&n; return *p;", "n consists of int, and its address is used as one of float"),
+        ("double x[3] = {u}; return *(int *)x;", "x consists of double, and its address is used as one of int"),
+        (
+            "unsigned char *p; p = (void *)&u; return *p;",
+            "u consists of double, and its address is used as one of unsi",
+        ),
+        ("double *p = &u; p++; return *p;", "u is a single object: an address in front of or behind it"),
+        ("double a[2] = {u}, b[2] = {u}; return a < b;", "addresses of a and b are compared"),
+        ("double a[2] = {u}; return total(a + n);", "the address that a function gets depends on signals"),
+        ("double a[2] = {u}, *p = a; p += 2; return *p;", "an index is always out of range of its array"),
+    ],
+)
+def test_an_address_that_leads_to_other_bytes_or_objects_is_refused(body, message, tmp_path):
+    head = "static double total(const double *p) { return p[0] + p[1]; }\n"
+    (tmp_path / "f.c").write_text(f"{head}double f(double u, int n) {{ {body} }}\n")
+    with pytest.raises(InputError, match=f"line 2: {message}"):
+        read_function_file("f.c:f", tmp_path)
+
+
+def test_an_array_of_unknown_size_ends_where_that_of_the_caller_does(tmp_path):
+    head = "static double sum(const double *p, int n) { double s = 0; while (n-- > 0) s += *p++; return s; }\n"
+    (tmp_path / "f.c").write_text(f"{head}double f(int n) {{ double a[3] = {{1, 2, 4}}; return sum(a, n); }}\n")
+    graph = as_model(read_function_file("f.c:f", tmp_path)).graph
+    values = evaluate(graph, {"n": np.array([-1.0, 0, 2, 3])}, ParameterSet())["f"]
+    np.testing.assert_array_equal(values, [0, 0, 3, 7])
+
+
+def test_a_pointer_that_moves_out_of_its_array_by_signals_gives_nan(tmp_path):
+    body = "static const double a[3] = {5, 6, 7}; const double *p = a; p += n; return *p;"
+    (tmp_path / "f.c").write_text(f"double f(int n) {{ {body} }}\n")
+    graph = as_model(read_function_file("f.c:f", tmp_path)).graph
+    values = evaluate(graph, {"n": np.array([-1.0, 0, 2, 3])}, ParameterSet())["f"]
+    np.testing.assert_array_equal(values, [np.nan, 5, 7, np.nan])
 
 
 @pytest.mark.parametrize(

@@ -9,13 +9,57 @@ from tests.importers.python.translated_functions import computed, translated
 
 HEAD = """\
 import math
+from dataclasses import dataclass
+
 import numpy as np
 
 X = [-1.0, 1.0, 2.5, 4.0]
 Y = (1.0, -3.0, 2.0, 0.5)
 Z = np.array([-1.0, 0.0, 3.0, 7.0])
 CHANGED = [1.0, 2.0]
+T = ((1, -2, 3), (4.5, 0, -6))
 LARGE = 36028797018963971
+
+
+@dataclass
+class Calibration:
+    factor: float = 1.5
+    shift: float = -0.5
+    changed: float = 1.0
+
+
+class Limits:
+    LEAST = -2
+    MOST = 3.5
+
+
+CAL = Calibration(shift=2)
+OTHER = Calibration(0.25)
+OTHER.changed = 3.0
+
+
+def limited(x, least=Limits.LEAST, *, most=1.0):
+    if least > most:
+        raise ValueError(f"limits {least:.2f} and {most!r}")
+    return max(least, min(x, most))
+
+
+def place(x):
+    for i, limit in enumerate(X):
+        if x < limit:
+            break
+        if x == 2.5:
+            continue
+    else:
+        i = len(X)
+    k = 3
+    while k > 0:
+        k -= 1
+        if k < x:
+            break
+    else:
+        i += 10
+    return i
 
 
 def amplifier(k, offset):
@@ -109,6 +153,25 @@ CASES = {
     while i < len(X) - 2 and a > X[i + 1]:
         i += 1
     return Y[i] + (a - X[i]) * (Y[i + 1] - Y[i]) / (X[i + 1] - X[i])""",
+    "exceptions": """
+    if a > 2 and b > 0:
+        raise RuntimeError
+    try_again = limited(a, most=b)
+    return 1.0 if a > 0 else try_again""",
+    "limits by keywords": """
+    return limited(a, most=CAL.factor) + 10 * limited(b, -1, most=9) + CAL.shift + OTHER.factor + Limits.MOST""",
+    "else of loops": "return place(a) + 100 * place(b)",
+    "tables": "return T[1][0] * a + T[int(a) % 2][-1] + len(T) + sum(T[0]) + 0 * T[0][int(b)]",
+    "places and choices": """
+    x = np.searchsorted(X, a) + 10 * np.searchsorted(X, 2.5, side="right")
+    return x + np.select([a < b, a < 1], [1 + a, 2 * b], default=-1) + np.interp(b, X, Y, left=-9.0) + np.sign(a)""",
+    "sides that decide": """
+    return (a or b) + 10 * (b and a) + (b > 1 or a) + any(x > a for x in X) + all([a < x for x in X])""",
+    "numbers of numpy": """
+    k = np.sqrt(abs(a)) - 1
+    k = k / (b * 0)
+    x = (a > 1) + (b > 1)
+    return k * 0 if x > 5 else x + (np.sqrt(abs(b)) > 1) * 2""",
     "large integers that are exact": "return (2 ** 60 + 2 ** 33) % 1000 + int(a) * 4611686018427387904.0",
     "an index out of range": "return X[int(4 * a)]",
 }
@@ -136,6 +199,11 @@ def test_lists_closures_and_tables_are_those_of_python(name, tmp_path):
         "return np.interp(a, [0.0, 1.0, 2.0], [0.0, 1.0])",
         "k = 0\n    def g():\n        nonlocal k\n        k = k + 1\n        return k\n    return g() + a",
         "return {0: a}[0]",
+        "return OTHER.changed + a",
+        "return (np.sqrt(a) > 1) + (np.sqrt(b) > 1)",
+        "k = a\n    if a > 1:\n        k = np.sqrt(a)\n    return b / k",
+        "k = a\n    for x in X:\n        b = b / k\n        k = np.exp(x)\n    return b",
+        "return np.select([a, b], [1, 2])",
         "return round(a, int(b))",
         "return math.fsum([a, 1e16, -1e16, b])",
         "return int(a) % 9007199254740993",

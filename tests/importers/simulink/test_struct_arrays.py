@@ -103,6 +103,48 @@ def test_an_element_that_is_not_there_is_an_error(field, message, tmp_path):
     assert message in str(error.value)
 
 
+def test_code_assigns_elements_of_an_array_of_structs(tmp_path):
+    code = """function y = f(u, p)
+q(3).x = u;
+q(1).x = 2 * u;
+for k = 1:3
+    q(k).n = k;
+end
+q(2) = struct('x', -u, 'n', 10);
+p(2).gain = u;
+if u > 0
+    q(1).x = 7;
+    p(1).shift = 4;
+end
+y = q(1).x + 10 * q(2).x + 100 * q(3).x + sum([q.n]) + p(1).gain * p(2).gain + p(1).shift + numel(q) + isempty(q(2).n);
+"""
+    model = Model(step="0.1", solver="FixedStepDiscrete")
+    model.inport("u")
+    model.function("F", code, data={"p": "Parameter"})
+    model.outport("y")
+    model.chain("u", "F", "y")
+    first = np.where(U > 0, 7.0, 2 * U)
+    expected = first - 10 * U + 100 * U + 14 + 2 * U + np.where(U > 0, 4.0, 0.5) + 3
+    np.testing.assert_allclose(run(imported(model, tmp_path), {"u": U})["y"], expected)
+
+
+@pytest.mark.parametrize(
+    ("statement", "message"),
+    [
+        ("q(ceil(abs(u))).x = 1;", "the index of an array of structs is not a constant scalar"),
+        ("q(1) = 3;", "an array of 1x1 is assigned to an element of a struct"),
+    ],
+)
+def test_an_assignment_to_an_element_that_code_cannot_tell_is_refused(statement, message, tmp_path):
+    model = Model(step="0.1", solver="FixedStepDiscrete")
+    model.inport("u")
+    model.function("F", f"function y = f(u)\nq(2).x = u;\n{statement}\ny = q(1).x;\n")
+    model.outport("y")
+    model.chain("u", "F", "y")
+    with pytest.raises(InputError, match=message):
+        imported(model, tmp_path)
+
+
 def test_code_reads_elements_of_an_array_of_structs(tmp_path):
     code = """function y = f(u, p)
 y = u * p(2).gain + numel(p);

@@ -38,16 +38,15 @@ export const counted = (number: number, noun: string): string => `${count(number
 
 /** Return the decimals with which all numbers of a table can be told apart, at most four significant digits. */
 export function tableDecimals(values: Iterable<number>): number {
-  let largest = 0;
+  const known = [...values].filter(Number.isFinite);
+  const largest = known.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
+  const limit = largest === 0 ? 0 : Math.min(8, Math.max(0, 3 - Math.floor(Math.log10(largest))));
   let places = 0;
-  for (const value of values) {
-    if (!Number.isFinite(value)) continue;
-    largest = Math.max(largest, Math.abs(value));
-    const own = Number(value.toPrecision(10)).toString().split(".")[1]?.length ?? 0;
-    places = Math.max(places, own);
+  for (const value of known) {
+    if (places >= limit) return limit; // the first values of a fitted table say so
+    places = Math.max(places, Number(value.toPrecision(10)).toString().split(".")[1]?.length ?? 0);
   }
-  const limit = largest === 0 ? 0 : Math.max(0, 3 - Math.floor(Math.log10(largest)));
-  return Math.min(places, limit, 8);
+  return Math.min(places, limit);
 }
 
 /** Read a number as typed: "1,5" and "1.5" are the same; null if it is none. */

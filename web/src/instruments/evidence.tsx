@@ -162,7 +162,10 @@ function Facts({ own }: { own: EditedTable }) {
   return (
     <>
       <div class="head">
-        <h2>What this point rests on</h2>
+        <h2 title="What this point rests on">
+          <span class="wide">What this point rests on</span>
+          <span class="narrow">Rests on</span>
+        </h2>
         <span class="right">
           <CriterionChoice />
           <span class={`tag ${how === "data" ? "g" : "w"}`}>{how}</span>

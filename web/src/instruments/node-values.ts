@@ -46,6 +46,12 @@ export function nodeOf(text: string): string {
   return match === null ? "" : (match[1]?.replaceAll("%%", "%") ?? match[2]!);
 }
 
+/** True for a line that defines no node, or one that is said to have no unit. */
+export function isUnitless(text: string): boolean {
+  const match = DEFINES.exec(text);
+  return match === null || unitText(match[3] ?? "?") === "";
+}
+
 const EMPTY = new NodeMarker("", "", "");
 
 /** A column at the right with the unit, the value at the start and the present value of each line's node. */

@@ -14,7 +14,7 @@ import { beforeCommands, request, state } from "../store";
 import { completions } from "./completions";
 import { split } from "./error-split";
 import { formulaHighlighting } from "./formula-highlighting";
-import { nodeOf, nodeValues, valuesChanged } from "./node-values";
+import { isUnitless, nodeOf, nodeValues, valuesChanged } from "./node-values";
 import { spellings } from "./spellings";
 
 const sendText = newest(async ({ file, text }: { file: string; text: string }) => {
@@ -24,6 +24,11 @@ const sendText = newest(async ({ file, text }: { file: string; text: string }) =
 beforeCommands(sendText.flush);
 
 const isNumbered = (text: string): boolean => /^\s*1\s+\S/.test(text);
+
+/** A column of numbers or of units that is empty takes no room. */
+const attributesOf = (text: string): Record<string, string> => ({
+  class: `${isNumbered(text) ? "own-numbers" : ""} ${text.split("\n").every(isUnitless) ? "unitless" : ""}`,
+});
 
 /** Edit the function, or the project file if `file` is empty; `choose` is told the node of the line with the cursor. */
 export function TextEditor({ file, choose }: { file: string; choose?: (node: string) => void }) {
@@ -38,6 +43,7 @@ export function TextEditor({ file, choose }: { file: string; choose?: (node: str
           // lines that carry numbers themselves need no others
           lineNumbers({ formatNumber: (line, state) => (isNumbered(state.doc.line(1).text) ? "" : String(line)) }),
           history(),
+          EditorView.editorAttributes.of((own) => attributesOf(own.state.doc.toString())),
           highlightActiveLine(),
           lintGutter(),
           keymap.of([...lintKeymap, ...defaultKeymap, ...historyKeymap, indentWithTab]),

@@ -13,7 +13,7 @@ import {
   ticked,
   tolerance,
 } from "../calibrations";
-import { MISSING, parseNumber, plain, significant } from "../drawing/numbers";
+import { MISSING, parseNumber, plain, significant, unitText } from "../drawing/numbers";
 import { Segment } from "../fields";
 import { flipped } from "../flipped";
 import { Footer, Key } from "../frame";
@@ -352,10 +352,12 @@ function DifferenceRow({ row, labels }: { row: LabelDifference; labels: [string,
       </td>
       <td class="q">{row.kind}</td>
       <td class="num ink">
-        {row.largest === null ? MISSING : significant(row.largest)} <span class="q">{row.unit}</span>
+        {row.largest === null ? MISSING : significant(row.largest)} <span class="q">{unitText(row.unit)}</span>
       </td>
       <td class="num">{row.total > 1 ? `${row.differ} of ${row.total}` : ""}</td>
-      <td class="q">{row.place}</td>
+      <td class="q cut place" title={row.place}>
+        {row.place}
+      </td>
       <td>
         {row.only ? (
           <span class={`tag ${row.only === "first" ? "b" : "g"}`}>

@@ -21,7 +21,7 @@ import { describeCells, readEdit } from "../instruments/table-edits";
 import { panel } from "../navigation";
 import type { EditedTable, ParameterRow } from "../replies";
 import { scoped } from "../scope";
-import { open, openName, referenceName, request, screen, selection, state, table } from "../store";
+import { blocking, open, openName, referenceName, request, screen, selection, state, table } from "../store";
 import { CoverageChips } from "./parameters/coverage-chips";
 import { ParameterSettings } from "./parameters/settings";
 import { Properties } from "./properties";
@@ -81,8 +81,12 @@ export function Parameters() {
         <List />
         <Bar own={own} />
         {own === null ? (
-          <section class="pane tbl">
-            <p class="pad q">No parameter is open.</p>
+          <section class="pane none">
+            <p class="pad q">
+              {blocking.value === null
+                ? "No parameter is open."
+                : "The parameters are listed here once the project can be evaluated: see the message above."}
+            </p>
             <Proposals />
           </section>
         ) : (

@@ -16,8 +16,10 @@ export function Properties({ own }: { own: EditedTable }) {
   return (
     <>
       <div class="head top">
-        <h2 class="cut">{own.name}</h2>
-        <span class="right q">what the fit may do</span>
+        <h2 class="cut" title={own.name}>
+          {own.name}
+        </h2>
+        <span class="right q gives">what the fit may do</span>
       </div>
       <div class="props">
         <Prop label="Fit">

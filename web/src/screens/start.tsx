@@ -1,6 +1,6 @@
 // The start: recent projects with their errors and state, a new project from dropped files, and the demos.
 
-import { count, significant, withUnit } from "../drawing/numbers";
+import { count, counted, significant, withUnit } from "../drawing/numbers";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
 import {
@@ -204,7 +204,7 @@ function PreviewPane() {
     ["test", sets("test"), ""],
     ["parameters", own.parameters ? `${own.parameters}, with ${own.values} values` : "", ""],
     ["last run", own.run ? `${own.run}, ${own.state}` : "", ""],
-    ["open", own.withoutData ? `${own.withoutData} values without data` : "", "warn"],
+    ["open", own.withoutData ? `${counted(own.withoutData, "value")} without data` : "", "warn"],
     ["problem", own.problem ?? "", "bad"],
   ];
   return (

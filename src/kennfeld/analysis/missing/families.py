@@ -1,7 +1,7 @@
 """Families of candidates: columns that are hat functions of channels, or series in time, times the slope by a node."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -19,7 +19,8 @@ from kennfeld.native.hat_products import MAX_FACTORS
 T = TypeVar("T")  # Python 3.11
 
 MAX_ENTRIES = 4_000_000  # of the products of the values with the columns of a family, 32 MB
-MAX_COLUMNS = 1536  # with states, a row of a sample has all columns of a family
+MAX_COLUMNS = 1536  # with many states, a row of a sample has all columns of a family
+MAX_STORED = 8_000_000  # numbers of series, 64 MB
 
 
 @dataclass(frozen=True)
@@ -196,12 +197,42 @@ def _groups(items: Sequence[T], most: int) -> Iterator[Sequence[T]]:
         yield items[first : first + most]
 
 
-def series_families(probes: Probes, series: Sequence[Series], samples: int, most: int = 8_000_000) -> Iterator[Family]:
-    """Yield the families of lags and delays, whose series of `samples` numbers need at most `most` numbers together."""
-    for own in _groups(series, max(min(MAX_FACTORS, most // max(samples, 1)), 1)):
+def series_families(probes: Probes, series: Sequence[Series], stored: int = 0) -> Iterator[Family]:
+    """Yield the families of lags and delays.
+
+    Args:
+        probes: the nodes.
+        series: the candidates.
+        stored: numbers of each series that are stored.
+    """
+    for own in _groups(series, max(min(MAX_FACTORS, MAX_STORED // max(stored, 1)), 1)):
         terms = tuple((MissingTerm(each.node, each.kind, seconds=each.seconds, steps=each.steps),) for each in own)
         factors = tuple(offset(probes.nodes.index(each.node)) for each in own)
         yield Family(factors, terms, series=tuple(own))
+
+
+def passes(families: Iterable[Family], values: int, blocks: int, stored: int = 0) -> Iterator[list[Family]]:
+    """Yield families in groups, as one pass over the samples sums them up.
+
+    Args:
+        families: the candidates.
+        values: number of free values.
+        blocks: number of blocks.
+        stored: numbers of each series that are stored.
+    """
+    group: list[Family] = []
+    size = kept = 0
+    for family in families:
+        columns = len(family.factors) * sum(family.hats)
+        own = columns * (values + (blocks + 1) * max(family.hats))
+        series = stored * len(family.series)
+        if group and (size + own > MAX_ENTRIES or kept + series > MAX_STORED):
+            yield group
+            group, size, kept = [], 0, 0
+        group.append(family)
+        size, kept = size + own, kept + series
+    if group:
+        yield group
 
 
 def with_series(graph: Graph, series: Sequence[Series]) -> Graph:

@@ -287,6 +287,6 @@ def _with_whole_files(problem: Problem) -> Problem:
 
 def _unit(problem: Problem) -> str:
     """Return the unit of the RMSE; "" if criteria have different ones."""
-    units = {problem.model.graph.units.get(criterion.node, "") for criterion in problem.criteria}
+    units = {problem.error_unit(criterion) for criterion in problem.criteria}
     [unit] = units if len(units) == 1 else [""]
     return "" if unit == "-" else unit

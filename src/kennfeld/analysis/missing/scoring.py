@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from kennfeld.analysis.missing.candidate_series import goes_along
 from kennfeld.analysis.missing.candidate_sums import (
     BlockSums,
     FamilySums,
@@ -19,6 +20,7 @@ from kennfeld.analysis.missing.families import (
     Series,
     channel_families,
     offset_families,
+    passes,
     series_families,
 )
 from kennfeld.analysis.missing.probes import Nodes, Probes, factor, offset
@@ -134,9 +136,11 @@ class CandidateScorer:
     def scores(self, families: Iterable[Family]) -> Iterator[TermScore]:
         """Yield the scores of the candidates of families."""
         arguments = (self.compiled.start, self.divisions, self.blocks)
-        for family in families:
-            sums: FamilySums = merged(self.compiled.each(family_sums, family, *arguments))
-            yield from self.linear.scores(family, sums)
+        stored = _stored(self.compiled)
+        for group in passes(families, self.compiled.values.free, self.blocks, stored):
+            sums: list[FamilySums] = merged(self.compiled.each(family_sums, group, *arguments))
+            for family, own in zip(group, sums, strict=True):
+                yield from self.linear.scores(family, own)
 
 
 def _families(
@@ -155,7 +159,12 @@ def _families(
 
 
 def _series_families(probes: Probes, series: Sequence[Series], compiled: CompiledProblem) -> list[Family]:
-    return [*series_families(probes, series, compiled.sample_count)]
+    return [*series_families(probes, series, _stored(compiled))]
+
+
+def _stored(compiled: CompiledProblem) -> int:
+    """Return how many numbers of each series are stored."""
+    return 0 if goes_along(compiled) else compiled.sample_count
 
 
 def _finer_delays(

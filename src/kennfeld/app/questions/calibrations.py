@@ -8,7 +8,7 @@ from typing import Literal
 from kennfeld.app.answer import finite, finite_list
 from kennfeld.app.folders import confined, writable
 from kennfeld.app.questions.existing_files import ExistingFile
-from kennfeld.app.questions.parameters import AxisPoints
+from kennfeld.app.questions.parameters import AxisPoints, describe_axes
 from kennfeld.app.session.calibration_source import (
     SourceName,
     ValueSource,
@@ -30,6 +30,8 @@ from kennfeld.domain.axis import Axis
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
 from kennfeld.domain.texts import Text
+from kennfeld.graph import Graph
+from kennfeld.graph.traversal import coordinates_of
 
 Item = Parameter | Text | Axis
 
@@ -325,7 +327,8 @@ def differences(session: Session, asked: AskedDifferences) -> SetDifferences:
     for difference in comparison.differences:
         by_name.setdefault(difference.name, []).append(difference)
     own = session.view.now.parameters if session.view is not None else ParameterSet()
-    rows = [_row(name, each, first, second, own) for name, each in by_name.items()]
+    graph = None if session.view is None else session.view.model.problem.graph
+    rows = [_row(name, each, first, second, own, graph) for name, each in by_name.items()]
     return SetDifferences(
         labels=(first.label, second.label),
         rows=rows[:MAX_ROWS],
@@ -336,7 +339,12 @@ def differences(session: Session, asked: AskedDifferences) -> SetDifferences:
 
 
 def _row(
-    name: str, own: Sequence[Difference], first: ValueSource, second: ValueSource, present: ParameterSet
+    name: str,
+    own: Sequence[Difference],
+    first: ValueSource,
+    second: ValueSource,
+    present: ParameterSet,
+    graph: Graph | None,
 ) -> LabelDifference:
     label = _label(name, first, second)
     item = _item(second, label) or _item(first, label)
@@ -353,7 +361,7 @@ def _row(
         largest=None if largest is None or largest.largest is None else finite(largest.largest),
         differ=0 if largest is None else largest.count,
         total=0 if largest is None else largest.total,
-        place="" if largest is None else largest.place,
+        place="" if largest is None else _place(largest, item, graph),
         aspects=[AspectRow(d.aspect, d.left, d.right, d.place) for d in own],
         takeable=label in present and isinstance(_item(second, label), Parameter),
     )
@@ -452,6 +460,18 @@ def write_calibration(session: Session, asked: WriteCommand) -> WrittenCalibrati
     findings = [*write(parameters, target, image, a2l), *losses(parameters, target)]
     rows = rounded(parameters, target, a2l or first.a2l)
     return WrittenCalibration(target.name, [_change_row(change) for change in changes], _texts(findings), rows)
+
+
+def _place(difference: Difference, item: Item | None, graph: Graph | None) -> str:
+    """Return the place of a difference by the names of the axes, if they are known: `Speed = 700`."""
+    if not isinstance(item, Parameter):
+        return difference.place
+    inputs = [] if graph is None else coordinates_of(graph, item.name)
+    names = [axis.input for axis in describe_axes(item, inputs)]
+    points = [part.partition("=")[2].strip() for part in difference.place.split(", ")]
+    if not all(names) or len(names) != len(points):
+        return difference.place
+    return ", ".join(f"{name} = {point}" for name, point in zip(names, points, strict=True))
 
 
 def _change_row(change: Change) -> LabelChange:

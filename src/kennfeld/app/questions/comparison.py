@@ -212,7 +212,7 @@ def _run_row(session: Session, run: Run) -> SetRow:
         for name in names
     ]
     part = f"{run.part} only · " if run.part else ""
-    detail = f"{part}{result.status} · {result.iterations} it. · {sum(vars(result.seconds).values()):.2g} s"
+    detail = f"{part}{result.status} · {result.iterations} it. · {run.elapsed:.2f} s"
     return SetRow(str(run.number), f"run {run.number}", detail, run.ended, scores)
 
 

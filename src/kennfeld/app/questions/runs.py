@@ -6,9 +6,8 @@ from typing import Literal, cast, get_args
 
 import numpy as np
 
-from kennfeld.analysis.cross_validation import Kind
 from kennfeld.analysis.extrapolation import Extrapolation, find_extrapolation
-from kennfeld.analysis.validation_result import CrossValidation
+from kennfeld.analysis.validation_result import CrossValidation, Kind
 from kennfeld.app.answer import finite
 from kennfeld.app.questions.pictures import thumbnail
 from kennfeld.app.session.part_fit import FittedPart

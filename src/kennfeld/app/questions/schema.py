@@ -1,6 +1,6 @@
 """The keys of the project file as a page shows them, and the names that their values choose from."""
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
@@ -8,7 +8,7 @@ from typing import Any, Literal
 from kennfeld.app.questions.overview import FUNCTIONS, RECORDINGS, SCREENS, Screen
 from kennfeld.app.questions.recordings import channel_names, recording_names
 from kennfeld.app.session.session import Session
-from kennfeld.app.wire import ABSENT, Absent, from_json
+from kennfeld.app.wire import ABSENT, Absent
 from kennfeld.base.errors import InputError
 from kennfeld.base.file_state import while_unchanged
 from kennfeld.base.lazy_dataclass import dataclass
@@ -121,7 +121,24 @@ def schema(session: Session) -> SchemaReply:
 @cache
 def _sections() -> list[SectionRow]:
     described = ({**each, "screen": SCREENS.get(each["name"], "parameters")} for each in describe_sections())
-    return [from_json(SectionRow, section, section["name"]) for section in described]
+    return [SectionRow(**{**each, "form": _form(each["form"])}) for each in described]
+
+
+def _form(described: Mapping[str, Any]) -> KeyForm:
+    nested = {name: _NESTED[name](value) for name, value in described.items() if name in _NESTED}
+    return KeyForm(**{**described, **nested})
+
+
+def _key_row(described: Mapping[str, Any]) -> KeyRow:
+    return KeyRow(**{**described, "form": _form(described["form"])})
+
+
+_NESTED: Mapping[str, Callable[[Any], Any]] = {
+    "keys": lambda keys: [_key_row(key) for key in keys],
+    "values": _form,
+    "item": _form,
+    "forms": lambda forms: [_form(form) for form in forms],
+}
 
 
 def names(session: Session) -> NamesReply:

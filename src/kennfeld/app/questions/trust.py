@@ -57,7 +57,7 @@ class TrustReply:
         advice: what to do about them.
         dimension: number of directions that nothing determines.
         holdings: limits that hold values.
-        freedom: samples less fitted values.
+        freedom: the effective number of values that the data alone determine.
         values: number of free values.
     """
 

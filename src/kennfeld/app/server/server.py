@@ -1,4 +1,7 @@
-"""The server: the page, its socket, uploads and downloads."""
+"""The server: the page, its socket, uploads and downloads.
+
+It answers before what opens projects and answers questions is loaded, which the thread of the sessions does meanwhile.
+"""
 
 import asyncio
 import contextlib
@@ -6,7 +9,8 @@ import json
 import secrets
 import socket
 import tempfile
-from collections.abc import Callable, Mapping
+import threading
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -19,16 +23,13 @@ from starlette.background import BackgroundTask
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Response, StreamingResponse
 from starlette.routing import Mount, Route, WebSocketRoute
-from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from kennfeld.app.answer import Answer
 from kennfeld.app.archive import write_archive
-from kennfeld.app.project_questions import OPENING
-from kennfeld.app.server.frames import pack
-from kennfeld.app.server.restart import Handshake, KnownServer, known_server, remember_server
+from kennfeld.app.server.restart import Handshake
 from kennfeld.app.server.security import RequestGuard, new_token
-from kennfeld.app.wire import from_json
+from kennfeld.app.server.static_files import StaticFiles
 from kennfeld.app.workspace import UPLOAD_ENDING, AppWorkspace
 from kennfeld.base.errors import ArgumentError, KennfeldError
 from kennfeld.base.lazy_dataclass import dataclass
@@ -60,15 +61,16 @@ class Server:
     Args:
         workspace: what is served.
         key: of the pages that know the server.
-        first: a project that is opened while the browser starts; pages wait for it, and see what is read.
-        failed: called if it cannot be opened.
+        first: called one after another in the thread of the sessions while the browser starts; pages wait for them,
+            and see what is read. The end of the server skips those that have not begun.
+        failed: called if one of them raises an exception.
     """
 
     def __init__(
         self,
         workspace: AppWorkspace,
         key: str = "",
-        first: Path | None = None,
+        first: Sequence[Callable[[], object]] = (),
         failed: Callable[[BaseException], object] = lambda _: None,
     ) -> None:
         self.workspace, self.nonce, self._key = workspace, new_token(), key
@@ -76,6 +78,7 @@ class Server:
         self._pages: set[OpenPage] = set()
         self._executor = ThreadPoolExecutor(1, thread_name_prefix="session")  # the session is used by one thread
         self._loop: asyncio.AbstractEventLoop | None = None
+        self._ended = threading.Event()
 
     def application(self) -> Starlette:
         """Return the application, without the guard."""
@@ -84,11 +87,11 @@ class Server:
         async def lifespan(_: Starlette) -> Any:
             self._loop = asyncio.get_running_loop()
             self.workspace.subscribe(self._push_from_thread, self._pump_from_thread)
-            if self._first is not None:
-                self._executor.submit(self._open_first, self._first)
+            self._executor.submit(self._begin)
             watch = asyncio.create_task(self._watch())
             yield
             watch.cancel()
+            self._ended.set()
             self.workspace.stop_activity()  # else the end waits for what is read
             self._executor.shutdown(wait=False, cancel_futures=True)
 
@@ -100,15 +103,17 @@ class Server:
                 Route("/file/{name:path}", self._download),
                 Route("/project.zip", self._archive),
                 Route("/stop-activity", self._stop_activity, methods=["POST"]),
-                Mount("/static", StaticFiles(directory=STATIC)),
+                Mount("/static", StaticFiles(STATIC)),
             ],
             exception_handlers={KennfeldError: _refusal},
             lifespan=lifespan,
         )
 
-    def _open_first(self, path: Path) -> None:
+    def _begin(self) -> None:
         try:
-            self.workspace.open_first(path)
+            for step in self._first:
+                if not self._ended.is_set():
+                    step()
         except BaseException as error:
             self._failed(error)
 
@@ -146,6 +151,9 @@ class Server:
 
     async def _answer(self, page: "OpenPage", message: Any) -> None:
         """Answer one question; an error is an answer too, so that no page waits for ever."""
+        from kennfeld.app.project_questions import OPENING
+        from kennfeld.app.wire import from_json
+
         if message["type"] == "websocket.disconnect":
             raise WebSocketDisconnect
         number: Any = None
@@ -260,6 +268,8 @@ async def _refusal(request: Request, error: Exception) -> Response:
 
 def packed(answer: Answer) -> bytes:
     """Return the frame of an answer; of one that cannot be sent, an error in its place, so that no page waits."""
+    from kennfeld.app.server.frames import pack
+
     try:
         return pack(answer.head, answer.arrays)
     except (TypeError, ValueError) as error:
@@ -318,63 +328,39 @@ class OpenPage:
                     return
 
 
-def serve(
-    workspace: AppWorkspace, port: int, ready: Callable[[str], None], project: Path | None = None, ticket: str = ""
+def run_server(
+    workspace: AppWorkspace,
+    listener: socket.socket,
+    key: str,
+    token: str,
+    ticket: str = "",
+    first: Sequence[Callable[[], object]] = (),
 ) -> None:
-    """Serve a workspace on the loopback interface until Ctrl-C.
+    """Serve a workspace at a socket until Ctrl-C.
 
     Args:
         workspace: what is served.
-        port: 0 takes that of the last server of the project if it is free, else any free one.
-        ready: called with the address to open once the server accepts connections.
-        project: opened while the browser starts.
-        ticket: a token that opens one page, in place of that of the address.
+        listener: a listening socket of the loopback interface.
+        key: of the pages that know the server.
+        token: opens a page.
+        ticket: opens one page, in place of the token.
+        first: called one after another in the thread of the sessions; what one of them raises ends the server.
 
     Raises:
-        InputError: the project cannot be opened.
-        OSError: the port cannot be used.
+        BaseException: what one of `first` has raised.
     """
-    known = known_server(project)
-    listener = _listener(port or (known.port if known else 0), fallback=not port)
-    listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # else short answers wait 40 ms for each other
-    port = listener.getsockname()[1]
-    # a key belongs to a port, at which the pages that know it look for the server
-    token, key = new_token(), known.key if known is not None and known.port == port else new_token()
-    remember_server(project, KnownServer(port, key))
-    errors: list[BaseException] = []
+    port, errors = listener.getsockname()[1], list[BaseException]()
 
     def failed(error: BaseException) -> None:
         errors.append(error)
         server.should_exit = True
 
-    own = Server(workspace, key, project, failed)
+    own = Server(workspace, key, first, failed)
     guarded = RequestGuard(own.application(), port, token, own.nonce, Handshake(port, key), ticket=ticket)
     config = uvicorn.Config(
         guarded, log_level="error", ws="websockets-sansio", ws_max_size=MAX_MESSAGE, lifespan="on", server_header=False
     )
     server = uvicorn.Server(config)
-
-    async def run() -> None:
-        announce = asyncio.create_task(_announce(server, lambda: ready(f"http://127.0.0.1:{port}/?token={token}")))
-        await server.serve(sockets=[listener])
-        announce.cancel()
-
-    asyncio.run(run())
+    asyncio.run(server.serve(sockets=[listener]))
     if errors:
         raise errors[0]
-
-
-def _listener(port: int, *, fallback: bool) -> socket.socket:
-    """Return a socket at a port of the loopback interface; with `fallback` at a free one if it is taken."""
-    try:
-        return socket.create_server(("127.0.0.1", port))
-    except OSError:
-        if not fallback:
-            raise
-        return socket.create_server(("127.0.0.1", 0))
-
-
-async def _announce(server: uvicorn.Server, ready: Callable[[], None]) -> None:
-    while not server.started:
-        await asyncio.sleep(0.01)
-    ready()

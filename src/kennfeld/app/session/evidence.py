@@ -1,7 +1,8 @@
 """Linked evidence: the samples that inform a grid point, and the grid points that samples pass through."""
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
+from dataclasses import replace
+from functools import cached_property, reduce
 from typing import Literal
 
 import numpy as np
@@ -12,7 +13,7 @@ from kennfeld.base.arrays import Bool, Float, Int
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
-from kennfeld.optimize.quality.lookup_coverage import Lookups
+from kennfeld.optimize.quality.lookup_coverage import Lookup, Lookups
 
 ACTING = 1e-3  # of the largest slope of a table
 FAR = 1e6  # times the values of a table: a change that only rounding errors ask for
@@ -83,8 +84,7 @@ class Evidence:
             if recording.use != "training":
                 continue
             for lookup in self._lookups.blocks(recording.bound):
-                for at, share in lookup.corners:
-                    totals[lookup.table.name] += np.bincount(at[share > 0], minlength=totals[lookup.table.name].size)
+                totals[lookup.table.name] += _touches(lookup, totals[lookup.table.name].size)
         return {name: total.reshape(self._parameters[name].values.shape) for name, total in totals.items()}
 
     def mean_errors(self, parameter: str, errors: Sequence[Float]) -> Float:
@@ -179,6 +179,25 @@ class Evidence:
     def _shown(self, recording: LiveDataset, weight: Float) -> Float:
         hold = recording.bound.hold
         return weight if hold is None else weight.reshape(-1, hold.samples).max(axis=1)
+
+
+def _touches(lookup: Lookup, size: int) -> Int:
+    """Count by grid point the samples in which a lookup gives it a weight above 0, Int[size]."""
+    inside = reduce(np.logical_and, [(share > 0) & (share < 1) for share in lookup.shares], lookup.known)
+    # within a cell all its corners have a weight: these samples are counted once, not once for each corner
+    cells = np.bincount(lookup.first_corner[inside], minlength=size)
+    other = np.flatnonzero(lookup.known & ~inside)
+    at_edges = replace(
+        lookup,
+        known=lookup.known[other],
+        cells=tuple(cell[other] for cell in lookup.cells),
+        shares=tuple(share[other] for share in lookup.shares),
+    )
+    total = np.zeros(size, dtype=np.int64)
+    for distance, weight in at_edges.weights():
+        total[distance:] += cells[: size - distance]
+        total += np.bincount((at_edges.first_corner + distance)[weight > 0], minlength=size)
+    return total
 
 
 @dataclass(frozen=True)

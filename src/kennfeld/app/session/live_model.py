@@ -233,11 +233,7 @@ class LiveModel:
 
     def unit(self, criterion: int) -> str:
         """Return the unit of the errors of a criterion."""
-        problem = self.problem
-        target, node = problem.criteria[criterion].target.name, problem.criteria[criterion].node
-        # errors are in the unit of what is measured, which the function may not state
-        recorded = next((data[target].unit for data in problem.datasets if target in data), "")
-        return recorded or problem.model.graph.units.get(node, "")
+        return self.problem.error_unit(self.problem.criteria[criterion])
 
     def moves_lookups(self, before: ParameterSet, after: ParameterSet) -> bool:
         """Return True if tables may be looked up at other places, or between other breakpoints, than before."""

@@ -30,7 +30,8 @@ class LookupIndex:
             cells.append(lookup.cell[known].astype(np.int32))
             shares.append(np.array([share[known] for share in lookup.shares], np.float32))
         cell = np.concatenate(cells)
-        order = np.argsort(cell, kind="stable")
+        # numbers of at most 16 bits are sorted by their digits, which takes a tenth of the time
+        order = np.argsort(cell.astype(np.min_scalar_type(int(np.prod(cell_shape(table))))), kind="stable")
         self._samples, self._shares = np.concatenate(samples)[order], np.concatenate(shares, axis=1)[:, order]
         # lookups of cell c are those from _ends[c] to before _ends[c + 1]
         self._ends = np.searchsorted(cell[order], np.arange(int(np.prod(cell_shape(table))) + 1))

@@ -9,9 +9,8 @@ from contextlib import contextmanager
 from dataclasses import field, replace
 from typing import Any
 
-from kennfeld.analysis.cross_validation import Kind
 from kennfeld.analysis.extrapolation import Extrapolation
-from kennfeld.analysis.validation_result import CrossValidation
+from kennfeld.analysis.validation_result import CrossValidation, Kind
 from kennfeld.app.session.run_checkpoints import INTERVAL, RunCheckpoints
 from kennfeld.base.arrays import Float
 from kennfeld.base.dask_runner import ClusterAddress, DaskRunner

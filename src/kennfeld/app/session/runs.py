@@ -25,6 +25,7 @@ class Run:
         extrapolation: use of surrogates outside their training data; None if it is not computed yet.
         ended: when it ended, in s since 1970.
         part: the values that were fitted, in words; empty if all were.
+        seconds: from its start to its end, with the process that it ran in; 0 if unknown.
     """
 
     number: int
@@ -34,6 +35,12 @@ class Run:
     extrapolation: tuple[Extrapolation, ...] | None = None
     ended: float = field(default_factory=time.time)
     part: str = ""
+    seconds: float = 0.0
+
+    @property
+    def elapsed(self) -> float:
+        """Elapsed time in s."""
+        return self.seconds or self.result.seconds.total
 
 
 @dataclass(frozen=True, eq=False)

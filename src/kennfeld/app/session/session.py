@@ -190,7 +190,8 @@ class Session(SavedProject):
         result, view = end.result, self.require_view()
         # the whole trace in place of the steps that were reported, some of which were skipped
         job.state, job.message, job.trace = result.status, result.message, list(result.trace)
-        run = Run(len(self.runs) + 1, view.now.parameters, result, job.problem, end.extrapolation, part=job.part)
+        number, before = len(self.runs) + 1, view.now.parameters
+        run = Run(number, before, result, job.problem, end.extrapolation, part=job.part, seconds=job.seconds)
         self.runs.append(run)
         if run.part:
             job.message += f" Only {run.part} was fitted."

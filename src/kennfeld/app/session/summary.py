@@ -51,7 +51,7 @@ def _facts(session: Session, view: View) -> dict[str, Any]:
         "datasets": [[each.name, each.use, each.count] for each in view.model.recordings[:6]],
         "parameters": len(problem.free_names),
         "values": problem.free_size,
-        "run": f"run {runs[-1].number}, {runs[-1].result.seconds.total:.2f} s" if runs else "",
+        "run": f"run {runs[-1].number}, {runs[-1].elapsed:.2f} s" if runs else "",
         "withoutData": without,
     }
 

@@ -1,17 +1,20 @@
 """Translation of calls: of functions of the C library, and of those of the file, with the addresses they get."""
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from dataclasses import replace
+from typing import Final, NamedTuple
 
 from pycparser import c_ast
 
 from kennfeld.importers.c.declarations import CArgument, CFunctionDeclaration, CVariable, line_of
 from kennfeld.importers.c.expression_translation import COperand, PassedNames, call_of, converted
 from kennfeld.importers.c.library_calls import LibraryCalls
-from kennfeld.importers.c.number_types import INT, CType, UnsupportedCError
+from kennfeld.importers.c.number_types import INT, CType, UnsupportedCError, same_type
 from kennfeld.importers.c.places import CPlace, single_numbers
 from kennfeld.importers.c.struct_types import CStructType
 from kennfeld.program import tree as m
+
+_COUNTING: Final = ("++", "--", "p++", "p--")
 
 
 class _PassedArguments(NamedTuple):
@@ -45,6 +48,9 @@ class CCallTranslation(LibraryCalls):
             raise UnsupportedCError("only addresses of variables and arrays are supported", line_of(tree))
         function = self.file.functions[tree.name.name]
         names = [argument.variable.name for argument in function.arguments]
+        if tree.args is not None and changes_a_variable(tree.args):
+            message = f"a variable that changes within the arguments of {function.name}, which returns one of them,"
+            raise UnsupportedCError(f"{message} is not supported", line_of(tree))
         self.call(tree, wants_result=False)
         return self.address(tree.args.exprs[names.index(function.passed_back)])
 
@@ -119,16 +125,31 @@ class CCallTranslation(LibraryCalls):
         return _PassedArguments(m.Call(m.Name(f"{name}()"), tuple(arguments)), targets, copies)
 
     def _packed(self, place: CPlace, line: int) -> CPlace:
-        """Return an array within an array as a variable of its own; other places as they are."""
-        if not (place.sizes and place.indices):
+        """Return an array within an array, or a part of one, as a variable of its own; other places as they are."""
+        if not place.sizes or (not place.indices and place.start is None):
             return place
-        numbers = [self.value_of(number) for number in single_numbers(place)]
-        sizes = [m.Number(float(size)) for size in (len(place.sizes), *place.sizes)]
         name, position = self.temporary(), m.TextPosition(line)
-        self.pending.append(m.Assign((m.Name(name),), call_of("array", *sizes, *numbers), place=position))
+        if self._is_tail(place):
+            # only where the function is called, the address must be known: a loop has another one in each pass
+            start = place.start or m.Number(0.0)
+            numbers = call_of("tail", self.used(_whole(place)), start, m.Number(float(bool(place.rows))))
+        else:
+            trees = [self.value_of(number) for number in single_numbers(place)]
+            sizes = [m.Number(float(size)) for size in (len(place.sizes), len(trees), *place.sizes[1:])]
+            numbers = call_of("array", *sizes, *trees)
+        self.pending.append(m.Assign((m.Name(name),), numbers, place=position))
         return CPlace(CVariable(name, place.type, place.sizes), "", place.type, place.sizes)
 
+    @staticmethod
+    def _is_tail(place: CPlace) -> bool:
+        """Return True for the elements of a whole array from an address on."""
+        return place.start is not None and not place.indices and place.offset is None
+
     def _copied_back(self, part: CPlace, place: CPlace, line: int) -> list[m.Statement]:
+        if self._is_tail(place):
+            whole = self.used(_whole(place))
+            value = call_of("with_tail", whole, part.tree)
+            return [m.Assign((whole,), value, place=m.TextPosition(line))]
         pairs = zip(single_numbers(place), single_numbers(part), strict=True)
         return [m.Assign((self.used(to),), of.tree, place=m.TextPosition(line)) for to, of in pairs]
 
@@ -137,8 +158,8 @@ class CCallTranslation(LibraryCalls):
         place = self.place(tree) if argument.mode == "value" else self.address(tree)
         variable = argument.variable
         if argument.mode != "value" and place.sizes and not variable.sizes:
-            place = self._pointed(place, tree)
-        if place.type != variable.type:
+            place = self.pointed(place, tree)
+        if not same_type(place.type, variable.type):
             label = getattr(variable.type, "name", "something else")
             raise UnsupportedCError(f"{name} takes the address of {label} as {variable.name}", wrong=True)
         if len(place.sizes) != len(variable.sizes):
@@ -151,6 +172,18 @@ class CCallTranslation(LibraryCalls):
                 raise UnsupportedCError(f"{place.label} is a part of a union, which cannot be passed")
             return [place]
         return [place.leaf(leaf) for leaf in place.leaves]
+
+
+def _whole(place: CPlace) -> CPlace:
+    """Return the array that an address leads into; of a matrix with its own sizes."""
+    return replace(place.array, sizes=place.rows or place.sizes, rows=())
+
+
+def changes_a_variable(tree: c_ast.Node) -> bool:
+    """Return True if an expression has an assignment, or counts a variable up or down."""
+    if isinstance(tree, c_ast.Assignment) or (isinstance(tree, c_ast.UnaryOp) and tree.op in _COUNTING):
+        return True
+    return any(changes_a_variable(child) for _, child in tree.children())
 
 
 def _names_of(place: CPlace) -> Iterator[str]:

@@ -297,7 +297,7 @@ def _argument(tree: c_ast.Decl, function: c_ast.FuncDef, file: CFile) -> CArgume
     if not declared.is_pointer and not declared.sizes:
         return CArgument(CVariable(name, declared.type), "value", text)
     sizes = declared.sizes
-    if declared.is_pointer and (sizes or is_indexed(function.body, name)):
+    if declared.is_pointer and (sizes or is_indexed(function.body, name, file.functions)):
         # an array of unknown size
         sizes = (0, *sizes)
     if sizes[:1] == (0,):
@@ -325,17 +325,50 @@ def _constant_size(tree: c_ast.Node, name: str) -> int:
     return largest if largest <= MAX_SIZE else 0
 
 
-def is_indexed(tree: c_ast.Node, name: str) -> bool:
-    """Return True if a pointer is used as an array: with an index other than 0, or with an offset."""
+def is_indexed(
+    tree: c_ast.Node, name: str, functions: "Mapping[str, CFunctionDeclaration]", seen: tuple[str, ...] = ()
+) -> bool:
+    """Return True if a pointer leads into an array: it moves, is a part of a sum, or has an index other than 0.
+
+    So does one that another pointer of that kind is set to, or that a function gets as an array.
+    """
     waiting = [tree]
     while waiting:
         node = waiting.pop()
-        match node:
-            case c_ast.ArrayRef(name=c_ast.ID(name=indexed), subscript=index) if indexed == name:
-                # p[0] is another way to write *p
-                if not (isinstance(index, c_ast.Constant) and index.value in ("0", "0U", "0u")):
-                    return True
-            case c_ast.UnaryOp(op="*", expr=c_ast.BinaryOp(op="+", left=c_ast.ID(name=indexed))) if indexed == name:
-                return True
+        if _indexes(node, name, functions):
+            return True
+        other = _pointer_set_to(node, name)
+        if other and other not in seen and is_indexed(tree, other, functions, (*seen, name)):
+            return True
         waiting += [child for _, child in node.children()]
     return False
+
+
+def _indexes(node: c_ast.Node, name: str, functions: "Mapping[str, CFunctionDeclaration]") -> bool:
+    match node:
+        case c_ast.ArrayRef(name=of, subscript=index):
+            # p[0] is another way to write *p
+            return _is_name(of, name) and not (isinstance(index, c_ast.Constant) and index.value in ("0", "0U", "0u"))
+        case c_ast.UnaryOp(op="++" | "--" | "p++" | "p--", expr=of) | c_ast.Assignment(op="+=" | "-=", lvalue=of):
+            return _is_name(of, name)
+        case c_ast.BinaryOp(op="+" | "-", left=left, right=right):
+            return _is_name(left, name) or _is_name(right, name)
+        case c_ast.FuncCall(name=c_ast.ID(name=called), args=c_ast.ExprList(exprs=arguments)) if called in functions:
+            pairs = zip(functions[called].arguments, arguments, strict=False)
+            return any(_is_name(tree, name) and argument.variable.sizes for argument, tree in pairs)
+    return False
+
+
+def _is_name(tree: c_ast.Node, name: str) -> bool:
+    while isinstance(tree, c_ast.Cast):
+        tree = tree.expr
+    return isinstance(tree, c_ast.ID) and bool(tree.name == name)
+
+
+def _pointer_set_to(node: c_ast.Node, name: str) -> str:
+    """Return the name of a pointer that is declared or set as another one; empty for other statements."""
+    if isinstance(node, c_ast.Decl) and isinstance(node.type, c_ast.PtrDecl) and node.init is not None:
+        return str(node.name) if _is_name(node.init, name) and node.name != name else ""
+    if isinstance(node, c_ast.Assignment) and node.op == "=" and isinstance(node.lvalue, c_ast.ID):
+        return str(node.lvalue.name) if _is_name(node.rvalue, name) and node.lvalue.name != name else ""
+    return ""

@@ -1,15 +1,15 @@
 """Translation of C expressions to the shared syntax tree, with their types."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Final, NamedTuple, TypeVar
+from typing import Final, NamedTuple
 
 import numpy as np
 from pycparser import c_ast
 
 from kennfeld.base.lazy_dataclass import dataclass
-from kennfeld.importers.c.declarations import CFile, CVariable, line_of
+from kennfeld.importers.c.addresses import AddressTranslation
+from kennfeld.importers.c.declarations import CFile, line_of
 from kennfeld.importers.c.number_types import (
     BOOL,
     DOUBLE,
@@ -24,14 +24,14 @@ from kennfeld.importers.c.number_types import (
     holds,
     promoted,
 )
-from kennfeld.importers.c.places import CPlace, PlaceTranslation, kind_of, parts_of
+from kennfeld.importers.c.places import CPlace, kind_of, parts_of
 from kennfeld.importers.c.sizes import size_of
 from kennfeld.importers.c.struct_types import TAG, CStructType, DeclaredType, ObjectType, integer_literal
 from kennfeld.program import tree as m
 
 _COMPARISONS: Final = {"==": "==", "!=": "~=", "<": "<", "<=": "<=", ">": ">", ">=": ">="}
 _BITS: Final = {"&": "and", "|": "or", "^": "xor"}
-_Value = TypeVar("_Value")
+_LONG_WORDS: Final = "64-bit integers are exact up to 2^53, and NaN beyond"
 _SPECIAL: Final = {"__infinity": float("inf"), "__nan": float("nan")}
 
 
@@ -86,16 +86,14 @@ class PassedNames(NamedTuple):
     line: int
 
 
-class CExpressionTranslation(PlaceTranslation):
-    """Translates expressions of a function; `pending` are statements that must run before the expression."""
+class CExpressionTranslation(AddressTranslation):
+    """Translates expressions of a function."""
 
     def __init__(self, file: CFile) -> None:
-        super().__init__(file, [{}])
-        self.pending: list[m.Statement] = []
+        super().__init__(file)
         self.calls: dict[str, None] = {}
         self.passed: list[PassedNames] = []
         self.remarks: dict[str, None] = {}
-        self._temporaries = 0
 
     def operand(self, tree: c_ast.Node) -> COperand:
         """Translate an expression to a number."""
@@ -156,14 +154,6 @@ class CExpressionTranslation(PlaceTranslation):
         else:
             declared = self.place(tree)
         return size_of(self.file.types, declared.type, declared.sizes, is_pointer=declared.is_pointer)
-
-    def apart(self, translate: Callable[[], _Value]) -> tuple[_Value, list[m.Statement]]:
-        """Translate an expression that is evaluated only under a condition; return it with its statements."""
-        outer, self.pending = self.pending, []
-        try:
-            return translate(), self.pending
-        finally:
-            self.pending = outer
 
     # variables
 
@@ -269,51 +259,20 @@ class CExpressionTranslation(PlaceTranslation):
         operand = self._combined(op[-1], self.read(place), COperand(m.Number(1.0), INT))
         return self.stored(place, operand, line)
 
-    def frozen(self, place: CPlace, line: int) -> CPlace:
-        """Return a place whose indices keep the values that they have now."""
-        indices: list[m.Expression] = []
-        for index in place.indices:
-            if isinstance(index, m.Number):
-                indices.append(index)
-                continue
-            name = self.temporary()
-            self.pending.append(m.Assign((m.Name(name),), index, place=m.TextPosition(line)))
-            indices.append(m.Name(name))
-        offset = place.offset
-        if offset is not None and not isinstance(offset, m.Number):
-            offset = m.Name(self.temporary())
-            self.pending.append(m.Assign((offset,), place.offset or offset, place=m.TextPosition(line)))
-        return replace(place, indices=tuple(indices), offset=offset)
-
-    def temporary(self) -> str:
-        """Return the name of a new local variable."""
-        self._temporaries += 1
-        return f"%{self._temporaries}"
-
     # operators
 
     def condition(self, tree: c_ast.Node) -> COperand:
-        """Translate a condition; an address holds, as none of those that a function gets is assumed to be null."""
-        return COperand(m.Number(1.0), INT) if self.is_address(tree) else self.operand(tree)
-
-    def is_address(self, tree: c_ast.Node) -> bool:
-        match tree:
-            case c_ast.UnaryOp(op="&"):
-                return True
-            case c_ast.ID(name=name) if any(name in scope for scope in self.scopes):
-                place = self.lookup(name, tree)
-                is_array = isinstance(place, CPlace) or (not isinstance(place, int) and bool(place.sizes))
-                return is_array or (isinstance(place, CVariable) and place.is_pointer)
-            case c_ast.StructRef():
-                member, _ = self.apart(lambda: self.place(tree))
-                return member.is_pointer or bool(member.sizes)
-        return False
+        """Translate a condition; an address holds unless it is null."""
+        return COperand(self.is_set(tree), INT) if self.is_address(tree) else self.operand(tree)
 
     def _null_test(self, op: str, left: c_ast.Node, right: c_ast.Node) -> COperand | None:
         """Translate the comparison of an address with NULL; None for other operators."""
         for address, other in ((left, right), (right, left)):
             if op in ("==", "!=") and is_null(other) and self.is_address(address):
-                return COperand(m.Number(float(op == "!=")), INT)
+                tested = self.is_set(address)
+                if isinstance(tested, m.Number):
+                    return COperand(m.Number(float(op == "!=")), INT)
+                return COperand(tested if op == "!=" else m.Unary("~", tested), INT)
         return None
 
     def _unary(self, op: str, expr: c_ast.Node) -> COperand:
@@ -328,7 +287,7 @@ class CExpressionTranslation(PlaceTranslation):
                 return self._fitted(m.Unary("-", operand.tree), kind)
             case "!":
                 return COperand(m.Unary("~", operand.tree), INT)
-            case "~" if kind.word is not None and kind.word.bits <= 32:
+            case "~" if kind.word is not None and (kind.word.bits <= 32 or kind.word.signed):
                 # ~x = -1 - x in signed words, 2^bits - 1 - x in unsigned ones
                 top = m.Number(-1.0 if kind.word.signed else 2.0**kind.word.bits - 1.0)
                 return COperand(m.Binary("-", top, operand.tree), kind)
@@ -340,12 +299,14 @@ class CExpressionTranslation(PlaceTranslation):
             # the sum, product or quotient of two floats has a double that is rounded to the same float
             return COperand(rounded(tree) if kind.single else tree, kind)
         if kind.word.bits > 32:
-            self.remarks["64-bit integers are exact up to 2^53, and NaN beyond"] = None
+            self.remarks[_LONG_WORDS] = None
         return COperand(_wrapped("wrap", kind, tree), kind)
 
     def _binary(self, tree: c_ast.BinaryOp) -> COperand:
         if tree.op not in ("&&", "||"):
             tested = self._null_test(tree.op, tree.left, tree.right)
+            if tested is None and (between := self.between(tree.op, tree.left, tree.right)) is not None:
+                tested = COperand(between, self.file.types.number("ptrdiff_t") if tree.op == "-" else INT)
             return tested or self._combined(tree.op, self.operand(tree.left), self.operand(tree.right))
         left = self.condition(tree.left)
         right, statements = self.apart(lambda: self.condition(tree.right))
@@ -369,8 +330,10 @@ class CExpressionTranslation(PlaceTranslation):
         if op in _COMPARISONS:
             return COperand(m.Binary(_COMPARISONS[op], a, b), INT)
         if op in _BITS:
-            if kind.word is None or kind.word.bits > 32:
-                raise UnsupportedCError(f"{op} of {kind.name} is not supported", wrong=kind.word is None)
+            if kind.word is None:
+                raise UnsupportedCError(f"{op} of {kind.name} is not supported", wrong=True)
+            if kind.word.bits > 32:
+                self.remarks[_LONG_WORDS] = None
             return COperand(_wrapped(_BITS[op], kind, a, b), kind)
         if kind.word is None:
             if op == "%":
@@ -380,6 +343,8 @@ class CExpressionTranslation(PlaceTranslation):
             case "*" if kind.word.bits <= 32:
                 # a product of 32-bit words has up to 64 bits, more than a double holds
                 return COperand(_wrapped("multiply", kind, a, b), kind)
+            case "/" if kind.word.bits > 32 and (parts := _product_of(a)) is not None:
+                return self._fitted(call_of("product_quotient", *parts, b, m.Number(float(kind.word.signed))), kind)
             case "/" | "%":
                 return self._fitted(call_of("quotient" if op == "/" else "rest", a, b), kind)
             case "+" | "-" | "*":
@@ -391,6 +356,9 @@ class CExpressionTranslation(PlaceTranslation):
         if kind.word is None or right.type.word is None:
             raise UnsupportedCError(f"{op} of {left.type.name} is not supported")
         # C11, 6.5.7: the type is that of the left operand, promoted
+        if op == ">>" and kind.word.bits > 32 and (terms := _product_and_addend(left.tree)) is not None:
+            signed = m.Number(float(kind.word.signed))
+            return self._fitted(call_of("upper_bits", *terms, right.tree, signed), kind)
         name = "left" if op == "<<" else "right"
         return self._fitted(call_of(name, left.tree, right.tree), kind)
 
@@ -452,6 +420,26 @@ class CExpressionTranslation(PlaceTranslation):
     def call(self, tree: c_ast.FuncCall, *, wants_result: bool = True) -> COperand:
         """Translate a call of a function of the file or of the C library."""
         raise NotImplementedError
+
+
+def _product_of(tree: m.Expression) -> tuple[m.Expression, m.Expression] | None:
+    """Return the factors of a product of 64-bit integers; None for other expressions."""
+    match tree:
+        case m.Call(m.Name("c:wrap"), (m.Binary(".*", left, right), m.Number(64.0), m.Number())):
+            return left, right
+    return None
+
+
+def _product_and_addend(tree: m.Expression) -> tuple[m.Expression, m.Expression, m.Expression] | None:
+    """Return the factors of a product of 64-bit integers, and what is added to it, such as half of the last bit."""
+    if (factors := _product_of(tree)) is not None:
+        return *factors, m.Number(0.0)
+    match tree:
+        case m.Call(m.Name("c:wrap"), (m.Binary("+", left, right), m.Number(64.0), m.Number())):
+            for product, addend in ((left, right), (right, left)):
+                if (factors := _product_of(product)) is not None:
+                    return *factors, addend
+    return None
 
 
 def _is_number(tree: c_ast.Node) -> bool:

@@ -2,12 +2,19 @@
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Final
 
 import numpy as np
 
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph import GraphBuilder
+from kennfeld.importers.c.long_products import (
+    LEAST_BITS,
+    needs_parts,
+    quotient_of_product,
+    upper_bits_of_product,
+)
 from kennfeld.importers.rules import (
     Rule,
     RuleFunction,
@@ -31,16 +38,20 @@ from kennfeld.models.imperative.exact_arithmetic import (
     round_to_even,
 )
 from kennfeld.models.imperative.floating_point import (
+    class_of,
     exponent_of,
     fraction_of,
     fused_product,
     is_negative,
     is_normal,
+    last_bits_of_quotient,
     logarithm_of_exponent,
     mantissa_of,
     nearest_remainder,
+    next_number,
     scaled,
 )
+from kennfeld.models.imperative.gamma_functions import gamma, log_gamma
 from kennfeld.models.imperative.graph_operators import INVERSE_HYPERBOLIC, ONE, operation
 from kennfeld.models.imperative.integer_types import EXACT, IntegerType
 from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, truncate
@@ -125,9 +136,30 @@ def _quotient(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes) -> Nodes:
     return truncate(evaluator.builder, Elementwise(evaluator.builder)("div", a, b))
 
 
+def _quotient_of_product(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes, divisor: Nodes, signed: Nodes) -> Nodes:
+    """Compute a b / divisor of 64-bit integers, also if a b is beyond 2^53."""
+    builder, word = evaluator.builder, IntegerType(64, bool(known_integer(evaluator, signed)))
+    if needs_parts(builder, word, a, b, divisor):
+        return quotient_of_product(builder, a, b, divisor)
+    return _quotient(evaluator, _known_exactly(builder, Elementwise(builder)("mul", a, b), word), divisor)
+
+
+def _upper_bits(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes, addend: Nodes, count: Nodes, signed: Nodes) -> Nodes:
+    """Compute (a b + addend) >> count of 64-bit integers, also if a b is beyond 2^53."""
+    builder, apply = evaluator.builder, Elementwise(evaluator.builder)
+    word, bits = IntegerType(64, bool(known_integer(evaluator, signed))), builder.value(int(count.item()))
+    if bits is not None and bits >= LEAST_BITS and needs_parts(builder, word, a, b, addend, is_sum=True):
+        return upper_bits_of_product(builder, a, b, addend, bits)
+    product = _known_exactly(builder, apply("add", apply("mul", a, b), addend), word)
+    return shift(-1.0)(evaluator, product, count)
+
+
 def _remainder(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes) -> Nodes:
     apply = Elementwise(evaluator.builder)
     return apply("sub", a, apply("mul", _quotient(evaluator, a, b), b))
+
+
+_HALF: Final = 32  # bits of a half of a 64-bit integer
 
 
 def _bits(name: str) -> Rule:
@@ -135,7 +167,20 @@ def _bits(name: str) -> Rule:
 
     def rule(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes, bits: Nodes, signed: Nodes) -> Nodes:
         word = _word(evaluator, bits, signed)
-        return apply(evaluator, s.integers(a, word), s.integers(b, word))
+        if word.bits > EXACT:
+            a, b = (_known_exactly(evaluator.builder, operand, word) for operand in (a, b))
+        values = [evaluator.builder.value(int(operand.item())) for operand in (a, b)]
+        if any(value is not None and math.isnan(value) for value in values):  # a quotient by 0, on a path not taken
+            return np.full_like(a, evaluator.builder.const(math.nan))
+        if word.bits <= EXACT:
+            return apply(evaluator, s.integers(a, word), s.integers(b, word))
+        # by halves, of which the upper one has the sign
+        step, combine = 2.0**_HALF, Elementwise(evaluator.builder)
+        kinds = IntegerType(_HALF, word.signed, "Round", True), IntegerType(_HALF, False, "Round", True)
+        upper = [s.integers(combine("floor", combine("div", operand, step)), kinds[0]) for operand in (a, b)]
+        lower = [s.integers(combine("mod", operand, step), kinds[1]) for operand in (a, b)]
+        whole = combine("mul", np.asarray(apply(evaluator, *upper)), step)
+        return combine("add", whole, np.asarray(apply(evaluator, *lower)))
 
     return rule
 
@@ -148,6 +193,12 @@ def _index(evaluator: SymbolicEvaluator, place: Nodes, size: Nodes) -> Nodes:
     return place
 
 
+def _size(evaluator: SymbolicEvaluator, array: Nodes, row: Nodes) -> Nodes:
+    """Return the number of elements of an array, or of the numbers of a matrix of so many columns."""
+    count = float(len(array) * max(known_integer(evaluator, row), 1))
+    return np.array([[evaluator.builder.const(count)]], dtype=np.int64)
+
+
 def _zeros(evaluator: SymbolicEvaluator, *sizes: Nodes) -> Nodes:
     return filled_array(evaluator, evaluator.builder.const(0.0), sizes)
 
@@ -158,6 +209,27 @@ def _array(evaluator: SymbolicEvaluator, count: Nodes, *rest: Nodes) -> Nodes:
     shape = [known_integer(evaluator, size) for size in rest[:dimensions]]
     nodes = np.array([int(item.item()) for item in rest[dimensions:]], dtype=np.int64)
     return nodes.reshape(shape if len(shape) > 1 else (*shape, 1))
+
+
+def _tail(evaluator: SymbolicEvaluator, array: Nodes, start: Nodes, is_flat: Nodes) -> Nodes:
+    """Return the elements of an array from an address on; those of a matrix one by one, if `is_flat`."""
+    rows = array.reshape(-1, 1) if known_integer(evaluator, is_flat) else array
+    return rows[_known_start(evaluator, rows, start) :]
+
+
+def _with_tail(evaluator: SymbolicEvaluator, array: Nodes, tail: Nodes) -> Nodes:
+    """Return an array whose last elements are replaced by those of `tail`."""
+    count = array.size - tail.size
+    return np.concatenate([array.ravel()[:count], tail.ravel()]).reshape(array.shape)
+
+
+def _known_start(evaluator: SymbolicEvaluator, rows: Nodes, start: Nodes) -> int:
+    value = evaluator.builder.value(int(start.item()))
+    if value is None:
+        raise ProgramError("the address that a function gets depends on signals", "Pass the array and the index.")
+    if not 0 <= value <= len(rows):
+        raise AbortedPathError
+    return int(value)
 
 
 def _without_nan(name: str) -> Callable[..., Nodes]:
@@ -214,6 +286,11 @@ _MATHEMATICS: Final = (
     RuleFunction("remainder", 2, elementwise(nearest_remainder)),
     RuleFunction("logb", 1, elementwise(logarithm_of_exponent)),
     RuleFunction("erf", 1, elementwise(operation("erf"))),
+    RuleFunction("erfc", 1, elementwise(operation("erfc"))),
+    RuleFunction("lgamma", 1, elementwise(log_gamma)),
+    RuleFunction("tgamma", 1, elementwise(gamma)),
+    RuleFunction("nextafter", 2, elementwise(next_number)),
+    RuleFunction("nexttoward", 2, elementwise(next_number)),
     RuleFunction("exp10", 1, elementwise(lambda builder, x: Elementwise(builder)("pow", 10.0, x))),
 )
 _COMPARISONS: Final = {
@@ -237,10 +314,17 @@ _INTERNAL: Final = (
     RuleFunction("multiply", 4, _multiply),
     RuleFunction("quotient", 2, _quotient),
     RuleFunction("rest", 2, _remainder),
+    RuleFunction("product_quotient", 4, _quotient_of_product),
+    RuleFunction("upper_bits", 5, _upper_bits),
     RuleFunction("scaled", 2, elementwise(scaled)),
     RuleFunction("exponent", 1, elementwise(exponent_of)),
     RuleFunction("mantissa", 1, elementwise(mantissa_of)),
     RuleFunction("normal", 2, lambda e, x, least: is_normal(e.builder, x, e.builder.value(int(least.item())) or 0.0)),
+    RuleFunction(
+        "classified", 2, lambda e, x, least: class_of(e.builder, x, e.builder.value(int(least.item())) or 0.0)
+    ),
+    RuleFunction("nextafterf", 2, elementwise(partial(next_number, is_single=True))),
+    RuleFunction("lastbits", 2, elementwise(last_bits_of_quotient)),
     RuleFunction("fraction", 1, elementwise(fraction_of)),
     RuleFunction("and", 4, _bits("bitand")),
     RuleFunction("or", 4, _bits("bitor")),
@@ -248,8 +332,11 @@ _INTERNAL: Final = (
     RuleFunction("left", 2, shift(1.0)),
     RuleFunction("right", 2, shift(-1.0)),
     RuleFunction("index", 2, _index),
+    RuleFunction("size", 2, _size),
     RuleFunction("zeros", 1, _zeros),
     RuleFunction("array", 2, _array),
+    RuleFunction("tail", 3, _tail),
+    RuleFunction("with_tail", 2, _with_tail),
 )
 MATHEMATICS: Final = {function.name: function.count for function in _MATHEMATICS}
 TESTS: Final = {function.name: function.count for function in _TESTS}

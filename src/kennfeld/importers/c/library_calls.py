@@ -24,15 +24,19 @@ _TO_INTEGER: Final = ("lround", "lrint", "llround", "llrint")
 _SCALING: Final = ("ldexp", "scalbn", "scalbln")
 # functions that write a part of a number through an address: its type, and the rules of what they return and write
 _PARTS: Final = {"frexp": (INT, "mantissa", "exponent"), "modf": (DOUBLE, "fraction", "truncate")}
+_CLASSES: Final = {"isnormal": "normal", "fpclassify": "classified"}
+_NEXT: Final = ("nextafter", "nexttoward")
 _LEAST_NORMAL: Final = {"float": 2.0**-126}
 _COUNTS: Final = {
     **MATHEMATICS,
     **TESTS,
     **dict.fromkeys(_TO_INTEGER, 1),
     **dict.fromkeys((*_SCALING, *_PARTS), 2),
-    **{"isnormal": 1, "ilogb": 1, "nan": 1, "sincos": 3},
+    **{"isnormal": 1, "fpclassify": 1, "remquo": 3, "ilogb": 1, "nan": 1, "sincos": 3},
 }
-_GENERIC: Final = frozenset({*TESTS, "isnormal"})  # macros for all types, which have no names with suffixes
+_GENERIC: Final = frozenset(
+    {*TESTS, "isnormal", "fpclassify"}
+)  # macros for all types, which have no names with suffixes
 
 
 class LibraryCalls(CExpressionTranslation):
@@ -51,12 +55,16 @@ class LibraryCalls(CExpressionTranslation):
             return self._two_parts(plain, kind, *trees)
         if plain == "sincos":
             return self._both(kind, trees)
+        if plain == "remquo":
+            return self._remainder(kind, *trees)
         operands = [self.operand(argument) for argument in trees]
         if plain in _GENERIC:
             return self._test(plain, operands)
         self.note_precision(kind)
         if plain in _SCALING:
             return self._of_kind(call_of("scaled", converted(operands[0], kind), converted(operands[1], INT)), kind)
+        if plain in _NEXT:
+            return self._next(kind, operands)
         values = [converted(operand, kind) for operand in operands]
         if plain in _TO_INTEGER:
             return self._rounded_integer(plain, values[0])
@@ -82,9 +90,9 @@ class LibraryCalls(CExpressionTranslation):
         if plain in ("abs", "labs"):
             kind = INT if plain == "abs" else LONG
             return COperand(call_of(plain, *(converted(operand, kind) for operand in operands)), kind)
-        if plain == "isnormal":
+        if plain in ("isnormal", "fpclassify"):
             least = m.Number(_LEAST_NORMAL.get(operands[0].type.name, 2.0**-1022))
-            return COperand(call_of("normal", operands[0].tree, least), INT)
+            return COperand(call_of(_CLASSES[plain], operands[0].tree, least), INT)
         return COperand(call_of(plain, *(operand.tree for operand in operands)), INT)
 
     def _of_kind(self, tree: m.Expression, kind: CType) -> COperand:
@@ -110,6 +118,20 @@ class LibraryCalls(CExpressionTranslation):
         for name, target in zip(("sin", "cos"), trees[1:], strict=True):
             self._store(target, self._of_kind(call_of(name, value), kind))
         return COperand(m.Number(0.0), kind)
+
+    def _remainder(self, kind: CType, of: c_ast.Node, by: c_ast.Node, target: c_ast.Node) -> COperand:
+        """Translate remquo, which writes the last bits of the quotient through an address."""
+        values = [self._kept(converted(self.operand(tree), kind), target) for tree in (of, by)]
+        self._store(target, COperand(call_of("lastbits", *values), INT))
+        return self._of_kind(call_of("remainder", *values), kind)
+
+    def _next(self, kind: CType, operands: Sequence[COperand]) -> COperand:
+        """Translate nextafter, whose steps are those of the precision in which numbers are computed."""
+        if kind.name == "long double" or (kind.name == "float" and not kind.single):
+            remedy = "; with float32 = true it is" if kind.name == "float" else ""
+            raise UnsupportedCError(f"the next number of {kind.name} is not known in double precision{remedy}")
+        values = [converted(operands[0], kind), operands[1].tree]
+        return COperand(call_of("nextafterf" if kind.single else "nextafter", *values), kind)
 
     def _kept(self, value: m.Expression, tree: c_ast.Node) -> m.Expression:
         """Return a number in a variable of its own, since what is written may be what it is computed from."""

@@ -149,6 +149,13 @@ def common_type(left: CType, right: CType) -> CType:
     return right if left.word.signed else left
 
 
+def same_type(left: object, right: object) -> bool:
+    """Return True for types of the same objects: of integers, names do not matter, as `int` is `int32_t`."""
+    if isinstance(left, CType) and isinstance(right, CType) and left.word is not None:
+        return left.word == right.word and left.truth == right.truth
+    return left == right
+
+
 def holds(target: IntegerType, source: IntegerType) -> bool:
     """Return True if an integer type has all numbers of another one."""
     return target.least <= source.least and source.most <= target.most

@@ -126,11 +126,12 @@ class ObjectTranslation(CCallTranslation):
 
     def _first_parts(self, name: str, place: CPlace, size: int, line: int) -> list[CPlace]:
         """Return the object if it has a size in bytes, or the first elements of an array that have it together."""
-        if size_of(self.file.types, place.type, place.sizes) == size:
+        sizes = (place.sizes[0] - place.first, *place.sizes[1:]) if place.sizes else ()
+        whole = size_of(self.file.types, place.type, sizes)
+        if whole == size and place.start is None:
             return [place]
-        step = size_of(self.file.types, place.type, place.sizes[1:]) if place.sizes else 0
-        if not step or size % step or not 0 <= size // step <= place.sizes[0]:
-            whole = size_of(self.file.types, place.type, place.sizes)
+        step = size_of(self.file.types, place.type, sizes[1:]) if sizes else 0
+        if not step or size % step or not 0 <= size // step <= sizes[0]:
             message = f"{name} of {size} bytes of {place.label}, which has {whole}, is not supported"
             raise UnsupportedCError(message, line)
         return [place.element(m.Number(at + 1.0)) for at in range(size // step)]

@@ -1,5 +1,6 @@
 """Places in memory that expressions name: variables, elements of arrays, members of structs, and addresses of them."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple, TypeAlias
@@ -39,6 +40,8 @@ class CPlace:
         is_pointer: True if it is an address that leads to the object.
         offset: if it shares numbers with other members of a union, the number of its first one in their array, from 0.
         unions: the members of unions that it is a part of, from outside in.
+        start: of an address within an array, the number of the element that it leads to, from 0.
+        rows: sizes of the matrix whose numbers it has one by one.
     """
 
     variable: CVariable
@@ -50,6 +53,8 @@ class CPlace:
     is_pointer: bool = False
     offset: m.Expression | None = None
     unions: "tuple[UnionMember, ...]" = ()
+    start: m.Expression | None = None
+    rows: Sizes = ()
 
     @property
     def name(self) -> str:
@@ -59,14 +64,32 @@ class CPlace:
     @property
     def label(self) -> str:
         """Its name in messages."""
-        return self.name.removeprefix(".")
+        return self.name.removeprefix(".").replace("().", ".")  # static variables of a function have it in front
 
     @property
     def tree(self) -> m.Expression:
         """The tree of its numbers; all of them if it is an array."""
-        shared = () if self.offset is None else (_sum(self.offset, m.Number(1.0)),)
+        shared = () if self.offset is None else (sum_of(self.offset, m.Number(1.0)),)
         indices = (*self.indices, *shared)
         return m.Call(m.Name(self.name), indices) if indices else m.Name(self.name)
+
+    @property
+    def array(self) -> "CPlace":
+        """The array that it is, or into which it leads as an address, whether that may change it or not."""
+        return replace(self, start=None, is_constant=False, is_pointer=False)
+
+    @property
+    def first(self) -> int:
+        """The number of the element that it leads to, if that is a constant.
+
+        Raises:
+            UnsupportedCError: it depends on signals or on the pass of a loop.
+        """
+        if self.start is None:
+            return 0
+        if isinstance(self.start, m.Number):
+            return int(self.start.value)
+        raise UnsupportedCError(f"an address within {self.label} that is not constant is not supported here")
 
     @property
     def leaves(self) -> Iterator[Leaf]:
@@ -93,7 +116,7 @@ class CPlace:
             # numbers of a struct follow one another in the shared array; members of a union begin at the same one
             before = struct.members[: struct.members.index(member)] if not struct.is_union else ()
             count = sum(number_count(each.declared.type, each.declared.sizes) for each in before)
-            return replace(place, path=self.path, offset=_sum(self.offset, m.Number(float(count))))
+            return replace(place, path=self.path, offset=sum_of(self.offset, m.Number(float(count))))
         if struct.storage is not None and member != struct.storage:
             return replace(place, path=member_path(self.path, struct.storage.name), offset=m.Number(0.0))
         if struct.tag and member.name != struct.tag:
@@ -101,18 +124,30 @@ class CPlace:
         return place
 
     def element(self, index: m.Expression) -> "CPlace":
-        """Return the place of an element of an array; the index counts from 1."""
+        """Return the place of an element of an array, counted from 1, or from the address within it."""
+        if (start := self.start) is not None:
+            return replace(self, start=None).element(sum_of(index, start))
+        if self.rows:
+            indices = (*self.indices, *_matrix_indices(sum_of(index, m.Number(-1.0)), self.rows))
+            return replace(self, sizes=(), indices=indices, rows=())
         if self.offset is None:
             return replace(self, sizes=self.sizes[1:], indices=(*self.indices, index))
         step = m.Number(float(number_count(self.type, self.sizes[1:])))
         # offset + (index - 1) * numbers of an element
-        from_zero = _sum(index, m.Number(-1.0))
-        return replace(self, sizes=self.sizes[1:], offset=_sum(self.offset, _product(from_zero, step)))
+        from_zero = sum_of(index, m.Number(-1.0))
+        return replace(self, sizes=self.sizes[1:], offset=sum_of(self.offset, _product(from_zero, step)))
+
+    def flat(self, row: m.Expression) -> "CPlace":
+        """Return the numbers of a matrix one by one, from those of a row on, counted from 0."""
+        count = _product(row, m.Number(float(math.prod(self.sizes[1:]))))
+        rows = self.sizes if self.offset is None else ()
+        start = sum_of(self.start or m.Number(0.0), count)
+        return replace(self, sizes=(math.prod(self.sizes),), start=start, rows=rows)
 
     def numbers(self) -> "Iterator[CPlace]":
         """Yield the place of each of its numbers."""
         if self.sizes:
-            for at in range(self.sizes[0]):
+            for at in range(self.sizes[0] - self.first):
                 yield from self.element(m.Number(at + 1.0)).numbers()
         elif isinstance(self.type, CStructType):
             for member in self.type.members if self.type.storage is None else (self.type.storage,):
@@ -136,10 +171,29 @@ class UnionMember(NamedTuple):
         return replace(place, indices=tuple(indices[: len(place.indices)]), unions=())
 
 
-def _sum(left: m.Expression, right: m.Expression) -> m.Expression:
+def sum_of(left: m.Expression, right: m.Expression) -> m.Expression:
+    """Return the tree of a sum, computed if both sides are numbers."""
     if isinstance(left, m.Number) and isinstance(right, m.Number):
         return m.Number(left.value + right.value)
-    return left if right == m.Number(0.0) else m.Binary("+", left, right)
+    if m.Number(0.0) in (left, right):
+        return left if right == m.Number(0.0) else right
+    return m.Binary("+", left, right)
+
+
+def _matrix_indices(at: m.Expression, sizes: Sizes) -> list[m.Expression]:
+    """Return the indices, from 1, of an element of a matrix by its number in memory, from 0."""
+    result = []
+    for depth in range(len(sizes)):
+        step = math.prod(sizes[depth + 1 :])
+        part = at if step == 1 else _of_integers("quotient", at, step)
+        result.append(sum_of(part if depth == 0 else _of_integers("rest", part, sizes[depth]), m.Number(1.0)))
+    return result
+
+
+def _of_integers(name: str, left: m.Expression, right: int) -> m.Expression:
+    if isinstance(left, m.Number):
+        return m.Number(float(left.value // right if name == "quotient" else left.value % right))
+    return m.Call(m.Name(f"c:{name}"), (left, m.Number(float(right))))
 
 
 def _product(left: m.Expression, right: m.Number) -> m.Expression:
@@ -194,6 +248,8 @@ class PlaceTranslation:
 
     def used(self, place: CPlace) -> m.Expression:
         """Return the tree of numbers, which a function uses from then on."""
+        if place.start is not None:
+            raise UnsupportedCError(f"a part of {place.label} from an address on is not supported here")
         if place.variable.is_static:
             self.statics_used[place.name] = None
         return place.tree
@@ -219,35 +275,21 @@ class PlaceTranslation:
                 | c_ast.UnaryOp(op="*", expr=c_ast.BinaryOp(op="+", left=left, right=right))
             ):
                 of, index = (right, left) if self.is_address(right) else (left, right)
-                return self._element(self.place(of), index, tree)
+                return self._element(self.address(of) if is_computed(of) else self.place(of), index, tree)
             case c_ast.UnaryOp(op="*", expr=c_ast.UnaryOp(op="&", expr=of)):
                 return self.place(of)
+            case c_ast.UnaryOp(op="*", expr=of) if is_computed(of):
+                place = self.address(of)
+                return self.pointed(place, tree) if place.sizes else place
             case c_ast.UnaryOp(op="*", expr=of):
-                return self._pointed(self.place(of), tree)
+                return self.pointed(self.place(of), tree)
             case c_ast.FuncCall() | c_ast.CompoundLiteral() | c_ast.TernaryOp() | c_ast.Assignment():
                 return self.object_place(tree)
         raise UnsupportedCError(f"{kind_of(tree)} is not supported here", line_of(tree))
 
-    def address(self, tree: c_ast.Node) -> CPlace:
-        """Return the place that an address leads to; an array for `a` and `&a[0]`."""
-        match tree:
-            case c_ast.UnaryOp(op="&", expr=c_ast.ArrayRef(name=of, subscript=c_ast.Constant(value="0" | "0U" | "0u"))):
-                array = self.place(of)
-                return self._pointed(array, tree) if array.is_pointer else array
-            case c_ast.UnaryOp(op="&", expr=of):
-                place = self.place(of)
-                return self._pointed(place, tree) if place.is_pointer else place
-            case c_ast.Cast(expr=of):
-                return self.address(of)
-            case c_ast.FuncCall():
-                return self.returned_address(tree)
-            case c_ast.ID() | c_ast.StructRef() | c_ast.CompoundLiteral():
-                place = self.place(tree)
-                if place.is_pointer:
-                    return self._pointed(place, tree)
-                if place.sizes:
-                    return place
-        raise UnsupportedCError("only addresses of variables and arrays are supported", line_of(tree))
+    def address(self, tree: c_ast.Node, *, is_flat: bool = False) -> CPlace:
+        """Return the place that an address leads to: an array for `a` and `&a[0]`, a part of one for `a + 2`."""
+        raise NotImplementedError
 
     def _named(self, name: str, tree: c_ast.Node) -> CPlace:
         variable = self.lookup(name, tree)
@@ -260,27 +302,37 @@ class PlaceTranslation:
             variable, "", variable.type, variable.sizes, is_constant=variable.is_constant, is_pointer=is_pointer
         )
 
-    def _pointed(self, place: CPlace, tree: c_ast.Node) -> CPlace:
+    def pointed(self, place: CPlace, tree: c_ast.Node) -> CPlace:
+        """Return the object that an address leads to."""
         if place.is_pointer:
             return replace(place, is_pointer=False)
         if place.sizes:
             # *a is a[0]
-            return place.element(m.Number(1.0))
+            return self._at(place, m.Number(1.0), tree)
         raise UnsupportedCError(f"{place.label} is not an array or address", line_of(tree), wrong=True)
 
     def _element(self, place: CPlace, subscript: c_ast.Node, tree: c_ast.Node) -> CPlace:
         if place.sizes:
-            index = self._bounded(self.index(subscript), place, tree)
-            return place.element(index)
+            return self._at(place, self.index(subscript), tree)
         if place.is_pointer and isinstance(subscript, c_ast.Constant) and subscript.value.rstrip("uU") == "0":
-            return self._pointed(place, tree)
+            return self.pointed(place, tree)
         raise UnsupportedCError(f"{place.label} is a number, not an array", line_of(tree), wrong=True)
 
+    def _at(self, place: CPlace, index: m.Expression, tree: c_ast.Node) -> CPlace:
+        """Return an element of an array, which it must have."""
+        if (start := place.start) is not None:
+            place, index = replace(place, start=None), sum_of(index, start)
+        return place.element(self._bounded(index, place, tree))
+
     def _bounded(self, index: m.Expression, place: CPlace, tree: c_ast.Node) -> m.Expression:
-        """Return an index that is checked, unless the size of its array is not known."""
+        """Return an index that is checked."""
         size = place.sizes[0]
-        if not size:
-            return index
+        if not size:  # of an array behind a pointer, which the function may be called with
+            if place.indices or place.offset is not None:
+                return index
+            numbers = m.Name(f"{place.name}{next(place.leaves).path}")
+            count = m.Call(m.Name("c:size"), (numbers, m.Number(float(math.prod(place.rows[1:])))))
+            return m.Call(m.Name("c:index"), (index, count))
         if isinstance(index, m.Number):
             if not 1 <= index.value <= size:
                 message = f"index {index.value - 1:g} of {place.label}, which has {size} elements"
@@ -291,7 +343,7 @@ class PlaceTranslation:
 
     def _member(self, place: CPlace, operator: str, name: str, tree: c_ast.Node) -> CPlace:
         if operator == "->":
-            place = self._pointed(place, tree)
+            place = self.pointed(place, tree)
         if place.is_pointer or place.sizes or not isinstance(place.type, CStructType):
             kind = place.type.reason if isinstance(place.type, OpaqueType) else "not a struct"
             raise UnsupportedCError(
@@ -304,6 +356,13 @@ class PlaceTranslation:
         for member in chain:
             place = place.member(member)
         return place
+
+
+def is_computed(tree: c_ast.Node) -> bool:
+    """Return True for an expression that can only be an address if it is one: `a + 1`, `p++`, `(int *)p`, `&a[1]`."""
+    is_step = isinstance(tree, c_ast.UnaryOp) and tree.op in ("++", "--", "p++", "p--", "&")
+    is_sum = isinstance(tree, c_ast.Assignment) and tree.op != "="
+    return is_step or is_sum or isinstance(tree, c_ast.BinaryOp | c_ast.Cast)
 
 
 def assigned_leaves(target: CPlace, source: CPlace) -> list[tuple[CPlace, CPlace]]:
@@ -326,7 +385,9 @@ def parts_of(place: CPlace) -> list[CPlace]:
 
 def _whole_parts(place: CPlace) -> list[CPlace] | None:
     parts = [place.leaf(leaf) for leaf in place.leaves]
-    is_within = place.offset is not None or any(part.sizes and part.indices for part in parts)
+    is_within = (
+        place.offset is not None or place.start is not None or any(part.sizes and part.indices for part in parts)
+    )
     return None if is_within else parts
 
 

@@ -8,18 +8,20 @@ places, all that follows in the block is translated once for each, under that co
 """
 
 import copy
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Final, NamedTuple
 
 from pycparser import c_ast
 
+from kennfeld.importers.c.addresses import NULL, DeclaredPointer
 from kennfeld.importers.c.declarations import CFile, CFunctionDeclaration, CVariable, line_of
 from kennfeld.importers.c.expression_translation import is_null
 from kennfeld.importers.c.number_types import UnsupportedCError
 from kennfeld.importers.c.object_translation import ObjectTranslation
 from kennfeld.importers.c.places import CPlace, Scope
+from kennfeld.importers.c.struct_types import DeclaredType
 from kennfeld.program import tree as m
 
 _MOST_CHOICES: Final = 64  # of a function: what follows is translated for each combination
@@ -54,6 +56,7 @@ class PointerChoices(ObjectTranslation):
         self.scopes = [shared, {}]
         self._pointers = {argument.variable.name for argument in function.arguments if argument.mode != "value"}
         self._pointers |= {node.name for node in nodes_of(function.tree.body) if _declares_pointer(node)}
+        self.moving = self._pointers & set(_moved_names(function.tree.body))
         self._choices = 0
 
     def statement(self, tree: c_ast.Node) -> list[m.Statement]:
@@ -74,11 +77,11 @@ class PointerChoices(ObjectTranslation):
                 self.scopes = [*self.scopes, {}]
             elif item is _CLOSE:
                 self.scopes = self.scopes[:-1]
-            elif isinstance(item, c_ast.Compound) and self._set_pointers(item):
+            elif isinstance(item, c_ast.Compound) and self._chosen_pointers(item):
                 return [*result, *self._sequence([*_scoped(item), *items[at + 1 :]])]
             elif (choice := self._choice(item)) is not None:
                 # what is declared or set has another place on each side
-                is_alone = not isinstance(item, c_ast.Decl) and not self._set_pointers(item)
+                is_alone = not isinstance(item, c_ast.Decl) and not self._chosen_pointers(item)
                 following = [] if is_alone else items[at + 1 :]
                 result += self._noted(item, partial(self._split, choice, following))
                 if not is_alone:
@@ -134,7 +137,7 @@ class PointerChoices(ObjectTranslation):
 
     def _choice(self, item: c_ast.Node) -> _Choice | None:
         """Return the choice among addresses that a statement makes first, or None."""
-        if isinstance(item, c_ast.If) and self._set_pointers(item):
+        if isinstance(item, c_ast.If) and self._chosen_pointers(item):
             return _Choice(item.cond, (_scoped(item.iftrue), _scoped(item.iffalse)))
         if not isinstance(item, _SIMPLE) or "static" in getattr(item, "storage", ()):
             return None
@@ -178,38 +181,117 @@ class PointerChoices(ObjectTranslation):
 
     def declare_pointer(self, tree: c_ast.Decl) -> None:
         """Let the name of a pointer stand for the place that it leads to; for a reason, if it leads to none yet."""
+        declared = self.file.types.declared(tree)
+        pointer = self.add_pointer(tree.name, declared.type, moves=tree.name in self.moving)
         if tree.init is None or is_null(tree.init):
             reason = "is read before it is set" if tree.init is None else "is null here"
             self.scopes[-1][tree.name] = UnsupportedCError(f"the pointer {tree.name} {reason}")
+            if tree.init is not None:
+                self._set_null(pointer, line_of(tree))
             return
-        is_constant = self.file.types.declared(tree).is_constant
-        self.scopes[-1][tree.name] = self._alias(tree.init, is_constant=is_constant)
+        place = self._alias(tree.init, pointer, is_constant=declared.is_constant)
+        self.check_type(place, declared, line_of(tree))
+        self.scopes[-1][tree.name] = place
 
-    def set_pointer(self, tree: c_ast.Assignment) -> bool:
-        """Let a pointer stand for another place from here on; return False if the target is not a pointer."""
-        if tree.op != "=" or not isinstance(tree.lvalue, c_ast.ID) or tree.lvalue.name not in self._pointers:
+    def declare_argument(self, variable: CVariable) -> list[m.Statement]:
+        """Declare an argument; return the statement that sets the index of a pointer that moves."""
+        self.scopes[-1][variable.name] = variable
+        if variable.name not in self.moving or not variable.sizes:
+            return []
+        pointer = self.add_pointer(variable.name, variable.type, moves=True)
+        place = CPlace(variable, "", variable.type, variable.sizes, is_constant=variable.is_constant)
+        self.scopes[-1][variable.name] = replace(place, start=pointer.place)
+        return [m.Assign((pointer.place,), m.Number(0.0), place=m.TextPosition(self.function.line))]
+
+    def set_pointer(self, tree: c_ast.Node) -> bool:
+        """Let a pointer stand for another place from here on, or move it; return False for other statements."""
+        if isinstance(tree, c_ast.UnaryOp):
+            if not isinstance(tree.expr, c_ast.ID) or self.moving_pointer(tree.expr.name) is None:
+                return False
+            self.address(tree)
+            return True
+        if tree.op not in ("=", "+=", "-=") or not isinstance(tree.lvalue, c_ast.ID):
             return False
         name = tree.lvalue.name
         scope = next((scope for scope in reversed(self.scopes[1:]) if name in scope), None)
-        before = scope[name] if scope is not None else None
-        if scope is None or (isinstance(before, CVariable) and not (before.is_pointer and name in self._pointers)):
+        before = scope[name] if scope is not None and name in self._pointers else None
+        pointer = self.declared_pointer(name)
+        if scope is None or before is None or (isinstance(before, CVariable) and not before.is_pointer):
             return False
-        is_constant = isinstance(before, CPlace | CVariable) and before.is_constant
-        scope[name] = self._alias(tree.rvalue, is_constant=is_constant)
+        if tree.op != "=":
+            if pointer is None or not pointer.variable:
+                return False
+            self.step_pointer(tree.lvalue, self.signed(tree.op[0], tree.rvalue), tree)
+        elif is_null(tree.rvalue) and pointer is not None and pointer.variable:
+            self._set_null(pointer, line_of(tree))
+        else:
+            is_constant = isinstance(before, CPlace | CVariable) and before.is_constant
+            place = self._alias(tree.rvalue, pointer, is_constant=is_constant)
+            kind = pointer.type if pointer is not None else getattr(before, "type", place.type)
+            self.check_type(place, DeclaredType(kind), line_of(tree))
+            scope[name] = place
         return True
 
-    def _alias(self, tree: c_ast.Node, *, is_constant: bool) -> CPlace:
+    def _set_null(self, pointer: DeclaredPointer | None, line: int) -> None:
+        if pointer is not None and pointer.variable:
+            self.pending.append(m.Assign((pointer.place,), NULL, place=m.TextPosition(line)))
+
+    def _alias(self, tree: c_ast.Node, pointer: DeclaredPointer | None, *, is_constant: bool) -> CPlace:
         """Return the place of an address, whose indices keep the values that they have now."""
-        place = self.frozen(self.address(tree), line_of(tree))
+        line = line_of(tree)
+        moves = pointer is not None and bool(pointer.variable)
+        place = self.frozen(self.address(tree, is_flat=moves), line)
+        if pointer is not None and moves and place.sizes:
+            start = place.start or m.Number(0.0)
+            self.pending.append(m.Assign((pointer.place,), start, place=m.TextPosition(line)))
+            place = replace(place, start=pointer.place)
         return replace(place, is_constant=place.is_constant or is_constant)
 
     def forget_pointers(self, tree: c_ast.Node) -> None:
-        """Note that the pointers that a statement sets have addresses that are not known."""
+        """Note that the pointers that a statement sets have addresses that are not known, but for their indices."""
         for name in self._set_pointers(tree):
             scope = next((scope for scope in reversed(self.scopes[1:]) if name in scope), None)
             if scope is not None:
                 message = f"the pointer {name} is set in a loop or switch and used elsewhere, which is not supported"
-                scope[name] = UnsupportedCError(message, line_of(tree))
+                scope[name] = self._common_place(name, tree) or UnsupportedCError(message, line_of(tree))
+
+    def _chosen_pointers(self, tree: c_ast.Node) -> set[str]:
+        """Return the pointers that a statement sets under conditions, unless they lead into one array all the same."""
+        chosen = set()
+        for name in self._set_pointers(tree):
+            place = self._common_place(name, tree)
+            if place is None:
+                chosen.add(name)
+            else:
+                next(scope for scope in reversed(self.scopes) if name in scope)[name] = place
+        return chosen
+
+    def _array(self, tree: c_ast.Node) -> CPlace:
+        """Return the array that an address leads into; nothing runs for it."""
+        place, _ = self.apart(lambda: self.address(_array_of(tree), is_flat=True))
+        return place
+
+    def _common_place(self, name: str, tree: c_ast.Node) -> CPlace | None:
+        """Return the array into which a pointer leads before and behind a statement; None if there are several."""
+        pointer = self.moving_pointer(name)
+        if pointer is None:
+            return None
+        values = [value for value in _assigned_values(tree, name, self._pointers) if not is_null(value)]
+        try:
+            places = [self._array(value) for value in values]
+        except UnsupportedCError:
+            return None
+        before = next(scope[name] for scope in reversed(self.scopes) if name in scope)
+        if isinstance(before, CPlace):
+            places.append(before)
+        elif not isinstance(before, UnsupportedCError):
+            return None
+        arrays = [place.array for place in places]
+        is_common = all(array == arrays[0] and array.sizes for array in arrays)
+        if not is_common or not all(isinstance(index, m.Number) for index in arrays[0].indices):
+            return None
+        is_constant = any(place.is_constant for place in places)
+        return replace(arrays[0], start=pointer.place, is_constant=is_constant)
 
     def _set_pointers(self, tree: c_ast.Node) -> set[str]:
         """Return the names of the pointers that a statement sets."""
@@ -219,6 +301,64 @@ class PointerChoices(ObjectTranslation):
 
 def _declares_pointer(node: c_ast.Node) -> bool:
     return isinstance(node, c_ast.Decl) and isinstance(node.type, c_ast.PtrDecl)
+
+
+def _moved_names(tree: c_ast.Node) -> Iterator[str]:
+    """Yield the names of variables that count up or down, or are set in a loop or a switch."""
+    for node in nodes_of(tree):
+        if isinstance(node, c_ast.UnaryOp) and node.op in ("++", "--", "p++", "p--"):
+            targets = [node.expr]
+        elif isinstance(node, c_ast.Assignment) and (node.op in ("+=", "-=") or _is_step(node)):
+            targets = [node.lvalue]
+        elif isinstance(node, _LOOPS):
+            targets = [each.lvalue for each in nodes_of(node) if isinstance(each, c_ast.Assignment)]
+        else:
+            continue
+        yield from (str(target.name) for target in targets if isinstance(target, c_ast.ID))
+
+
+def _is_step(tree: c_ast.Assignment) -> bool:
+    """Return True for `p = p + 1`."""
+    return isinstance(tree.lvalue, c_ast.ID) and any(
+        isinstance(node, c_ast.ID) and node.name == tree.lvalue.name for node in nodes_of(tree.rvalue)
+    )
+
+
+def _assigned_values(tree: c_ast.Node, name: str, pointers: Collection[str]) -> Iterator[c_ast.Node]:
+    """Yield the addresses to which a statement sets a pointer: of another one that it declares, those of that one."""
+    seen, waiting = {name}, [name]
+    while waiting:
+        name = waiting.pop()
+        for node in nodes_of(tree):
+            if isinstance(node, c_ast.Assignment) and node.op == "=" and getattr(node.lvalue, "name", None) == name:
+                value = node.rvalue
+            elif isinstance(node, c_ast.Decl) and node.name == name and node.init is not None:
+                value = node.init
+            else:
+                continue
+            array = _array_of(value)
+            base = str(array.name) if isinstance(array, c_ast.ID) else ""
+            if base not in pointers or not _declares(tree, base):
+                yield value
+            elif base not in seen:
+                seen.add(base)
+                waiting.append(base)
+
+
+def _declares(tree: c_ast.Node, name: str) -> bool:
+    return any(isinstance(node, c_ast.Decl) and node.name == name for node in nodes_of(tree))
+
+
+def _array_of(tree: c_ast.Node) -> c_ast.Node:
+    """Return an address without its last index: of `&a[i]` and `a + i` that of `a`."""
+    match tree:
+        case c_ast.Cast(expr=of):
+            return _array_of(of)
+        case c_ast.UnaryOp(op="&", expr=c_ast.ArrayRef(name=of)) | c_ast.ArrayRef(name=of):
+            return _array_of(of) if isinstance(of, c_ast.ArrayRef) else of
+        case c_ast.BinaryOp(op="+" | "-", left=c_ast.ID() | c_ast.StructRef() | c_ast.ArrayRef() as of):
+            return _array_of(of)
+    return tree
 
 
 def _scoped(tree: c_ast.Node | None) -> list[c_ast.Node]:

@@ -31,6 +31,7 @@ KNOWN_MACROS: Final = {
     "M_SQRT2": "1.41421356237309504880", "M_1_PI": "0.31830988618379067154", "M_2_PI": "0.63661977236758134308",
     "DBL_EPSILON": "2.2204460492503131e-16", "DBL_MAX": "1.7976931348623157e308", "DBL_MIN": "2.2250738585072014e-308",
     "FLT_EPSILON": "1.1920928955078125e-07f", "FLT_MAX": "3.40282346638528860e38f", "FLT_MIN": "1.175494350822288e-38f",
+    "FP_NAN": "0", "FP_INFINITE": "1", "FP_ZERO": "2", "FP_SUBNORMAL": "3", "FP_NORMAL": "4",
     "HUGE_VAL": "__infinity", "INFINITY": "__infinity", "NAN": "__nan", "true": "1", "false": "0", "NULL": "0",
     "rtInf": "__infinity", "rtInfF": "__infinity", "rtMinusInf": "(-__infinity)", "rtMinusInfF": "(-__infinity)",
     "rtNaN": "__nan", "rtNaNF": "__nan",

@@ -6,6 +6,7 @@ from typing import Final
 
 from pycparser import c_ast
 
+from kennfeld.importers.c.call_translation import changes_a_variable
 from kennfeld.importers.c.declarations import (
     RESULT,
     CFile,
@@ -25,7 +26,6 @@ from kennfeld.program import tree as m
 
 _YES: Final = m.Number(1.0)
 _NO: Final = m.Number(0.0)
-_COUNTING: Final = ("++", "--", "p++", "p--")
 _SILENT: Final = frozenset({"printf", "assert", "puts", "fprintf", "fflush"})
 
 
@@ -42,11 +42,12 @@ class FunctionTranslation(PointerChoices):
 
     def translate(self) -> m.FunctionDefinition:
         """Translate the function to the shared syntax tree."""
+        start: list[m.Statement] = []
         for argument in self.function.arguments:
-            self.scopes[-1][argument.variable.name] = argument.variable
+            start += self.declare_argument(argument.variable)
             self._taken[argument.variable.name] = 1
             self.note_precision(argument.variable.type)
-        body = self.block(self.function.tree.body.block_items or ())
+        body = (*start, *self.block(self.function.tree.body.block_items or ()))
         # variables that keep their values are global names of the shared tree
         head = (m.Declaration("global", tuple(self.statics_used)),) if self.statics_used else ()
         written = (name for argument in self.function.outputs for name in argument.names)
@@ -77,7 +78,7 @@ class FunctionTranslation(PointerChoices):
             case c_ast.Assignment():
                 return [] if self.set_pointer(tree) else self.assignment(tree)
             case c_ast.UnaryOp(op=("++" | "--" | "p++" | "p--") as op, expr=target):
-                return [self.stepped(op, target, place.line)]
+                return [] if self.set_pointer(tree) else [self.stepped(op, target, place.line)]
             case c_ast.ExprList(exprs=exprs):
                 return [statement for expr in exprs for statement in self.statement(expr)]
             case c_ast.FuncCall():
@@ -109,7 +110,7 @@ class FunctionTranslation(PointerChoices):
     def _call_statement(self, tree: c_ast.FuncCall) -> list[m.Statement]:
         name = getattr(tree.name, "name", "")
         if name in _SILENT:
-            if tree.args is not None and _changes_a_variable(tree.args):
+            if tree.args is not None and changes_a_variable(tree.args):
                 message = f"a variable that changes within the arguments of {name} is not supported"
                 raise UnsupportedCError(message, line_of(tree))
             return []
@@ -337,13 +338,6 @@ def translate_shared(file: CFile) -> tuple[Scope, list[StaticVariable], list[Uns
         except UnsupportedCError as error:
             problems.append(UnsupportedCError(error.message, error.line or line_of(tree), wrong=error.wrong, name=name))
     return scope, statics, problems
-
-
-def _changes_a_variable(tree: c_ast.Node) -> bool:
-    """Return True if an expression has an assignment, or counts a variable up or down."""
-    if isinstance(tree, c_ast.Assignment) or (isinstance(tree, c_ast.UnaryOp) and tree.op in _COUNTING):
-        return True
-    return any(_changes_a_variable(child) for _, child in tree.children())
 
 
 def _any(keys: Sequence[m.Expression]) -> m.Expression:

@@ -67,7 +67,8 @@ class _Usages:
                 reads.add(name)
             case m.Call(m.Name(name), arguments) if name in self.functions:
                 self._add_call(name, (), arguments, reads, writes)
-            case m.Call(m.Name("c:overlapped")):  # of numbers that a union no longer has
+            # numbers that a union no longer has, and the size of an array
+            case m.Call(m.Name("c:overlapped" | "c:size")):
                 return
             case _:
                 for child in children(tree):

@@ -8,7 +8,7 @@ from typing import Final
 
 from kennfeld.importers.python.mathematics import MAX_DIGITS, library_name
 from kennfeld.importers.python.reading import PythonFunction, number_of
-from kennfeld.importers.python.scope import FunctionScope, NumberKind, untranslated
+from kennfeld.importers.python.scope import FunctionScope, NumberKind, UntranslatableError, merged_kind, untranslated
 from kennfeld.program import tree as m
 
 _BINARY: Final[dict[type[ast.operator], str]] = {ast.Add: "+", ast.Sub: "-", ast.Mult: ".*"}
@@ -27,12 +27,14 @@ _COMPARISONS: Final[dict[type[ast.cmpop], str]] = {
     ast.Eq: "==", ast.NotEq: "~=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=",
 }  # fmt: skip
 _CONSTANTS: Final = {"pi": math.pi, "e": math.e, "inf": math.inf, "nan": math.nan, "tau": math.tau}
-_BUILT_IN: Final = ("abs", "min", "max", "float", "int", "pow", "round")
+_BUILT_IN: Final = ("abs", "min", "max", "float", "int", "bool", "pow", "round")
 # functions whose results are integers, also of numbers of NumPy; `round` only without a number of digits
 _WHOLE: Final = {
-    ("builtins", "int"), ("builtins", "round"), ("math", "floor"), ("math", "ceil"), ("math", "trunc"),
+    ("builtins", "int"), ("builtins", "bool"), ("builtins", "round"), ("math", "floor"), ("math", "ceil"),
+    ("math", "trunc"),
 }  # fmt: skip
 _PASSING: Final = ("abs", "min", "max", "pow", "round")  # whose results are of the kind of their arguments
+_TRUTHS: Final = ("isnan", "isinf", "isfinite", "signbit")
 _CONVERSIONS: Final = {("builtins", "float"), ("numpy", "float64")}
 
 
@@ -65,6 +67,8 @@ class NumberTranslation:
                 return m.Number(float(self.source.constants[name]))
             case ast.Name() | ast.Attribute() if self.qualified(tree)[1] in _CONSTANTS:
                 return m.Number(_CONSTANTS[self.qualified(tree)[1]])
+            case ast.Attribute() if (path := ast.unparse(tree)) in self.source.constants and self._is_of_file(path):
+                return m.Number(float(self.source.constants[path]))
             case ast.UnaryOp(op=ast.USub() | ast.UAdd() | ast.Not() as op, operand=operand):
                 sign = {ast.USub: "-", ast.UAdd: "+", ast.Not: "~"}[type(op)]
                 return m.Unary(sign, self.value(operand))
@@ -72,9 +76,8 @@ class NumberTranslation:
                 return self._binary(tree)
             case ast.Compare(left=left, ops=ops, comparators=comparators):
                 return self._compare([left, *comparators], ops, tree)
-            case ast.BoolOp(op=op, values=values) if all(_is_truth(value) for value in values):
-                sign = "&&" if isinstance(op, ast.And) else "||"
-                return reduce(lambda a, b: m.Binary(sign, a, b), map(self.value, values))
+            case ast.BoolOp(op=op, values=values):
+                return self._of_truths(op, values)
             case ast.IfExp(test=test, body=yes, orelse=no):
                 return m.Conditional(self.value(test), self.value(yes), self.value(no))
             case ast.Subscript():
@@ -82,6 +85,17 @@ class NumberTranslation:
             case ast.Call():
                 return self._call(tree)
         raise untranslated(tree)
+
+    def _is_of_file(self, path: str) -> bool:
+        return not self.scope.is_local(path.partition(".")[0])
+
+    def _of_truths(self, op: ast.boolop, values: list[ast.expr]) -> m.Expression:
+        """Translate `a and b` and `a or b`, whose value is that of the side that decides."""
+        items = [self.value(value) for value in values]
+        is_and = isinstance(op, ast.And)
+        if all(_is_truth(value) for value in values):
+            return reduce(lambda a, b: m.Binary("&&" if is_and else "||", a, b), items)
+        return reduce(lambda rest, a: m.Conditional(a, *((rest, a) if is_and else (a, rest))), items[::-1])
 
     def kind(self, tree: ast.expr) -> NumberKind:
         """Return which kind of number an expression is, as far as the text tells."""
@@ -92,29 +106,64 @@ class NumberTranslation:
                 return self.scope.kinds.get(name, "float")
             case ast.Name(id=name):
                 return "integer" if isinstance(self.source.constants.get(name), int) else "float"
+            case ast.Compare(left=left, comparators=others):
+                return "numpy truth" if self._common_kind([left, *others]) == "numpy" else "integer"
+            case ast.UnaryOp(op=ast.Not()):
+                return "integer"
             case ast.UnaryOp(operand=operand):
                 return self.kind(operand)
             case ast.BinOp(left=left, op=op, right=right):
-                kind = _common_kind([self.kind(left), self.kind(right)])
+                kind = self._common_kind([left, right])
                 return "float" if kind == "integer" and isinstance(op, ast.Div) else kind
             case ast.IfExp(body=yes, orelse=no):
-                return self.kind(yes) if self.kind(yes) == self.kind(no) else "float"
+                return self._kind_of_any([yes, no])
+            case ast.BoolOp(values=values):
+                return self._kind_of_any(values)
+            case ast.Attribute():
+                return "integer" if isinstance(self.source.constants.get(ast.unparse(tree)), int) else "float"
             case ast.Call():
                 return self._kind_of_call(tree)
+            case ast.Subscript(value=of):
+                return self.element_kind(of)
         return "float"
+
+    def _kind_of_any(self, trees: list[ast.expr]) -> NumberKind:
+        return merged_kind(map(self.kind, trees))
+
+    def element_kind(self, tree: ast.expr) -> NumberKind:
+        """Return which kind of numbers a list has."""
+        raise NotImplementedError
 
     def _kind_of_call(self, tree: ast.Call) -> NumberKind:
         module, name = self.qualified(tree.func)
         if module == "numpy":
-            return "numpy"
+            return "numpy truth" if name in _TRUTHS else "numpy"
         if (module, name) in _WHOLE and len(tree.args) == 1:
             return "integer"
+        if module == "builtins" and name in ("min", "max", "sum") and len(tree.args) == 1:
+            return self.element_kind(tree.args[0])
+        if module == "builtins" and name in ("min", "max"):
+            return self._kind_of_any(tree.args)
         passes_on = module == "builtins" and name in _PASSING and tree.args
-        return _common_kind([self.kind(argument) for argument in tree.args]) if passes_on else "float"
+        return self._common_kind(tree.args) if passes_on else "float"
+
+    def _common_kind(self, trees: Sequence[ast.expr]) -> NumberKind:
+        """Return the kind of a result of numbers of several kinds."""
+        kinds = {self.kind(tree) for tree in trees}
+        if kinds & {"numpy", "numpy truth"}:  # whatever the others are
+            return "numpy"
+        if "unknown" in kinds:
+            return "unknown"
+        return "integer" if kinds == {"integer"} else "float"
 
     def _binary(self, tree: ast.BinOp) -> m.Expression:
         op, left, right = type(tree.op), self.value(tree.left), self.value(tree.right)
         kind = self.kind(tree)
+        if self.kind(tree.left) == self.kind(tree.right) == "numpy truth":
+            raise UntranslatableError(f"{ast.unparse(tree)[:40]} adds up truth values of NumPy", tree.lineno)
+        if kind == "unknown" and op in (*_PYTHON, *_NUMPY):
+            message = f"{ast.unparse(tree)[:40]} is computed by NumPy on some paths and by Python on others"
+            raise UntranslatableError(message, tree.lineno)
         if kind == "integer" and op in _INTEGER:
             return m.Call(m.Name(_INTEGER[op]), (left, right, m.Number(float(tree.lineno))))
         if kind == "integer" and op is ast.Mod:
@@ -174,6 +223,8 @@ class NumberTranslation:
                 return m.Call(m.Name("py:minimum"), (m.Call(m.Name("py:maximum"), (x, low)), high))
             case "builtins", ("min" | "max"), [_, _, _, *_]:
                 return fold(f"py:{name}", arguments)
+            case "builtins", "bool", [x]:
+                return m.Binary("~=", x, m.Number(0.0))
             case "numpy", "square", [x]:
                 return m.Binary(".*", x, x)
             case "math", "log", [x, base]:
@@ -194,13 +245,6 @@ class NumberTranslation:
 def fold(name: str, values: list[m.Expression]) -> m.Expression:
     """Return a function of two arguments of the library, applied to values from first to last."""
     return reduce(lambda a, b: m.Call(m.Name(name), (a, b)), values)
-
-
-def _common_kind(kinds: Sequence[NumberKind]) -> NumberKind:
-    """Return the kind of a result of numbers of several kinds."""
-    if "numpy" in kinds:
-        return "numpy"
-    return "integer" if set(kinds) == {"integer"} else "float"
 
 
 def _is_truth(tree: ast.expr) -> bool:

@@ -37,6 +37,7 @@ from kennfeld.models.imperative.exact_arithmetic import (
     round_to_even,
     rounded_product,
 )
+from kennfeld.models.imperative.gamma_functions import log_gamma
 from kennfeld.models.imperative.graph_operators import ONE, Rule, expm1
 from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, truncate
 
@@ -106,6 +107,12 @@ def _element(evaluator: SymbolicEvaluator, index: Nodes, *items: Nodes) -> Nodes
     return result
 
 
+def _raise(evaluator: SymbolicEvaluator) -> Nodes:
+    """Note that the code raises an exception wherever it comes here."""
+    evaluator.fail_where(_constant(evaluator.builder, 1.0))
+    return _constant(evaluator.builder, math.nan)
+
+
 def _constant(builder: GraphBuilder, number: float) -> Nodes:
     return np.array([[builder.const(number)]], dtype=np.int64)
 
@@ -154,6 +161,7 @@ _OVERFLOWING: Final[dict[str, Rule]] = {
     "exp": ONE["exp"],
     "exp2": lambda builder, x: Elementwise(builder)("pow", 2.0, x),
     "expm1": expm1,
+    "lgamma": log_gamma,
     "sinh": ONE["sinh"],
     "cosh": ONE["cosh"],
 }
@@ -187,6 +195,8 @@ _FUNCTIONS: Final = (
     *(RuleFunction(name, 1, of_finite(ONE[name])) for name in ("sin", "cos", "tan")),
     *(RuleFunction(name, 1, within(rule, *limits)) for name, (rule, limits) in _CLOSED_DOMAINS.items()),
     *(RuleFunction(name, 1, within(rule, *limits, ends=False)) for name, (rule, limits) in _OPEN_DOMAINS.items()),
+    RuleFunction("raise", 0, _raise),
+    RuleFunction("sign", 1, elementwise(ONE["sign"])),
     RuleFunction("logarithm", 2, logarithm),
     RuleFunction("min", 2, elementwise(_extreme("min", "lt"))),
     RuleFunction("max", 2, elementwise(_extreme("max", "gt"))),
@@ -220,14 +230,26 @@ _MATH: Final = {
 _NUMPY: Final = {
     "arcsin": "c:asin", "arccos": "c:acos", "arctan": "c:atan", "arctan2": "c:atan2", "arcsinh": "c:asinh",
     "arccosh": "c:acosh", "arctanh": "c:atanh", "abs": "c:fabs", "absolute": "c:fabs", "power": "c:pow",
-    "fix": "c:trunc", "minimum": "py:minimum", "maximum": "py:maximum", "degrees": "py:degrees",
+    "fix": "c:trunc", "sign": "py:sign", "minimum": "py:minimum", "maximum": "py:maximum", "degrees": "py:degrees",
     "rad2deg": "py:degrees", "radians": "py:radians", "deg2rad": "py:radians", "mod": "py:numpy_modulo",
     "remainder": "py:numpy_modulo", "floor_divide": "py:numpy_floor_divide", "round": "c:rint", "around": "c:rint",
 }  # fmt: skip
 _BUILT_IN: Final = {
     "abs": "c:fabs", "min": "py:min", "max": "py:max", "int": "py:trunc", "pow": "py:pow", "round": "py:round",
 }  # fmt: skip
-_ABSENT: Final = {"math": ("round", "rint", "nearbyint", "fmin", "fmax", "fdim"), "numpy": ("pow", "nearbyint", "fma")}
+_ABSENT: Final = {
+    "math": ("round", "rint", "nearbyint", "fmin", "fmax", "fdim", "tgamma", "nexttoward"),
+    "numpy": (
+        "pow",
+        "nearbyint",
+        "fma",
+        "lgamma",
+        "tgamma",
+        "erf",
+        "erfc",
+        "nexttoward",
+    ),
+}
 _COUNTS: Final = {
     **{f"c:{name}": count for name, count in (*MATHEMATICS.items(), *TESTS.items())},
     **{f"py:{function.name}": function.count for function in _FUNCTIONS},

@@ -29,7 +29,8 @@ class PythonFunction:
         constants: numbers that the file assigns to names outside of functions.
         modules: modules that the file imports, by the names it gives them; functions as `math.exp`.
         functions: the functions of the file.
-        lists: lists of numbers that the file assigns to names outside of functions.
+        lists: lists of numbers that the file assigns to names outside of functions, and the rows of lists of lists.
+        arrays: names of those lists that are arrays of NumPy.
         closures: functions that the file makes by calls outside of functions, by the names it gives them.
     """
 
@@ -42,6 +43,7 @@ class PythonFunction:
     functions: dict[str, ast.FunctionDef]
     lists: dict[str, tuple[float, ...]] = field(default_factory=dict)
     closures: dict[str, ast.FunctionDef] = field(default_factory=dict)
+    arrays: frozenset[str] = frozenset()
 
 
 def read_python_function(path: Path, name: str) -> PythonFunction:
@@ -57,13 +59,15 @@ def read_python_function(path: Path, name: str) -> PythonFunction:
     function = functions[name]
     findings = Findings()
     constants = dict(_constants(tree))
+    constants |= dict(attribute_numbers(tree, constants))
     inputs = tuple(_inputs(function, constants, path, findings))
     results = _results(function, path, findings)
     findings.finish()
     modules = dict(_modules(tree))
     lists = dict(_lists(tree, constants, modules))
     closures = dict(_closures(tree, functions, constants))
-    return PythonFunction(path, function, inputs, results, constants, modules, functions, lists, closures)
+    arrays = frozenset(name for name, value in _assigned_once(tree) if isinstance(value, ast.Call))
+    return PythonFunction(path, function, inputs, results, constants, modules, functions, lists, closures, arrays)
 
 
 def function_names(path: Path) -> list[str]:
@@ -108,6 +112,8 @@ def number_of(tree: ast.expr | None, constants: dict[str, float]) -> float | Non
             return None if number is None else -number
         case ast.Name(id=name):
             return constants.get(name)
+        case ast.Attribute():
+            return constants.get(ast.unparse(tree))
     return None
 
 
@@ -143,6 +149,53 @@ def _constants(tree: ast.Module) -> Iterator[tuple[str, float]]:
     yield from seen.items()
 
 
+def attribute_numbers(tree: ast.Module, constants: dict[str, float]) -> Iterator[tuple[str, float]]:
+    """Yield numbers such as `Cal.GAIN` and `CAL.gain`: of classes without bases, and of single dataclass objects.
+
+    A file that assigns an attribute of the same name anywhere has none of them, since it may change them.
+    """
+    stored = {n.attr for n in ast.walk(tree) if isinstance(n, ast.Attribute) and not isinstance(n.ctx, ast.Load)}
+    names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+    if names & {"setattr", "delattr", "vars", "exec", "eval"}:
+        return
+    fields: dict[str, dict[str, ast.expr | None]] = {}
+    for item in tree.body:
+        if isinstance(item, ast.ClassDef) and not (item.bases or item.keywords) and _is_plain_class(item):
+            members = dict(_fields(item))
+            if item.decorator_list:
+                fields[item.name] = members
+            for name, value in members.items():
+                number = number_of(value, constants)
+                if number is not None and name not in stored:
+                    yield f"{item.name}.{name}", number
+    for name, value in _assigned_once(tree):
+        if isinstance(value, ast.Call) and isinstance(value.func, ast.Name) and value.func.id in fields:
+            members = fields[value.func.id]
+            given = dict(zip(members, value.args, strict=False)) | {
+                str(each.arg): each.value for each in value.keywords
+            }
+            for member, default in members.items():
+                number = number_of(given.get(member, default), constants)
+                if number is not None and member not in stored:
+                    yield f"{name}.{member}", number
+
+
+def _is_plain_class(tree: ast.ClassDef) -> bool:
+    """Return True for a class whose attributes are what it writes: with no decorator but `dataclass`."""
+    decorators = [ast.unparse(each).partition("(")[0] for each in tree.decorator_list]
+    methods = {item.name for item in tree.body if isinstance(item, ast.FunctionDef)}
+    special = {"__init__", "__new__", "__post_init__", "__getattr__", "__getattribute__", "__init_subclass__"}
+    return all(each in ("dataclass", "dataclasses.dataclass") for each in decorators) and not methods & special
+
+
+def _fields(tree: ast.ClassDef) -> Iterator[tuple[str, ast.expr | None]]:
+    for item in tree.body:
+        if isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name):
+            yield item.target.id, item.value
+        elif isinstance(item, ast.Assign) and not tree.decorator_list:
+            yield from ((target.id, item.value) for target in item.targets if isinstance(target, ast.Name))
+
+
 def _lists(
     tree: ast.Module, constants: dict[str, float], modules: dict[str, str]
 ) -> Iterator[tuple[str, tuple[float, ...]]]:
@@ -160,10 +213,24 @@ def _lists(
             case _:
                 items = value
         if isinstance(items, ast.List | ast.Tuple) and name not in changed:
-            numbers = [number_of(item, constants) for item in items.elts]
-            known = tuple(float(number) for number in numbers if number is not None)
-            if len(known) == len(numbers):
-                yield name, known
+            yield from _numbers_of_list(name, items, constants)
+
+
+def _numbers_of_list(
+    name: str, items: ast.List | ast.Tuple, constants: dict[str, float]
+) -> Iterator[tuple[str, tuple[float, ...]]]:
+    """Yield the numbers of a list, or those of each row of a table, as `T[0]`, `T[1]`, ..."""
+    if items.elts and all(isinstance(row, ast.List | ast.Tuple) for row in items.elts):
+        rows = [(f"{name}[{at}]", row) for at, row in enumerate(items.elts) if isinstance(row, ast.List | ast.Tuple)]
+    else:
+        rows = [(name, items)]
+    result = {}
+    for label, row in rows:
+        numbers = [number_of(item, constants) for item in row.elts]
+        result[label] = tuple(float(number) for number in numbers if number is not None)
+        if len(result[label]) < len(numbers):
+            return
+    yield from result.items()
 
 
 def _closures(

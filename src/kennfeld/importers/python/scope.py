@@ -1,15 +1,28 @@
 """The names of a Python function while it is translated."""
 
 import ast
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import field
 from typing import Literal
 
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.program import tree as m
 
-# numbers of NumPy divide by 0 without an exception, integers have any number of digits
-NumberKind = Literal["float", "integer", "numpy"]
+# numbers of NumPy divide by 0 without an exception, integers have any number of digits; the truth values of NumPy are
+# no numbers: True + True is True, where that of Python is 2. Which kind a number is may depend on the path: unknown
+NumberKind = Literal["float", "integer", "numpy", "numpy truth", "unknown"]
+
+
+def merged_kind(kinds: Iterable[NumberKind]) -> NumberKind:
+    """Return the kind of a number that is of one of several kinds.
+
+    >>> merged_kind(["integer", "float"]), merged_kind(["numpy", "float"])
+    ('float', 'unknown')
+    """
+    distinct = set(kinds)
+    if len(distinct) == 1:
+        return distinct.pop()
+    return "float" if distinct <= {"integer", "float"} else "unknown"
 
 
 class UntranslatableError(Exception):
@@ -64,9 +77,9 @@ def parameters_of(tree: ast.FunctionDef) -> list[str]:
         UntranslatableError: it has arguments or decorators of other kinds.
     """
     arguments = tree.args
-    if arguments.vararg or arguments.kwarg or arguments.kwonlyargs or tree.decorator_list:
+    if arguments.vararg or arguments.kwarg or tree.decorator_list:
         raise UntranslatableError(f"{tree.name} has decorators or special arguments", tree.lineno)
-    return [item.arg for item in (*arguments.posonlyargs, *arguments.args)]
+    return [item.arg for item in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)]
 
 
 def own_nodes(body: Sequence[ast.AST]) -> Iterator[ast.AST]:

@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial, reduce
 from itertools import count
+from typing import Final
 
 import numpy as np
 
@@ -15,9 +16,11 @@ from kennfeld.importers.python.mathematics import LIBRARY
 from kennfeld.importers.python.reading import PythonFunction, number_of, returns_of
 from kennfeld.importers.python.scope import (
     FunctionScope,
+    NumberKind,
     UntranslatableError,
     as_function,
     element_name,
+    merged_kind,
     parameters_of,
     read_names,
     stored_names,
@@ -31,6 +34,8 @@ from kennfeld.models.imperative.path_facts import logical_or
 from kennfeld.models.imperative.statement_interpreter import StatementInterpreter
 from kennfeld.program import tree as m
 
+_MOST_KINDS: Final = 6  # a kind changes from integer to float to unknown, one name after the other
+
 
 class PythonTranslation(SequenceTranslation):
     """Translates a function of a file, and those that it calls."""
@@ -39,6 +44,11 @@ class PythonTranslation(SequenceTranslation):
         super().__init__(source)
         self.functions: dict[str, m.FunctionDefinition] = {}
         self._numbers = count()
+        self.kinds_of_results: dict[str, tuple[NumberKind, ...]] = {}
+        self._result_kinds: list[NumberKind] = []  # of the function at hand, so far
+        self._call_kinds: dict[int, tuple[ast.expr, tuple[NumberKind, ...]]] = {}  # of calls that were translated
+        self._depth = 0  # of loops
+        self._ends: list[str] = []  # of the loops around a statement, the variables that tell of `break`
 
     def function(self, tree: ast.FunctionDef, scope: FunctionScope) -> str:
         """Translate a function; return its name in the tree.
@@ -51,7 +61,9 @@ class PythonTranslation(SequenceTranslation):
         own, lengths = parameters_of(tree), scope.lists
         outer_names = [name for name in scope.names if name not in own]
         # a function is translated for each kind of arguments
-        kinds = [f"{name}:{lengths.get(name)}:{scope.kinds.get(name)}" for name in (*own, *outer_names)]
+        elements = [element_name(name, 0) if name in lengths else name for name in (*own, *outer_names)]
+        pairs = zip((*own, *outer_names), elements, strict=True)
+        kinds = [f"{name}:{lengths.get(name)}:{scope.kinds.get(element)}" for name, element in pairs]
         name = f"{tree.name}@{tree.lineno}({','.join(kinds)})"
         if name in self.functions:
             return name
@@ -59,10 +71,12 @@ class PythonTranslation(SequenceTranslation):
         results = tuple(f"%return{at}" for at in range(self._result_count(tree)))
         # a call of itself ends there
         self.functions[name] = m.FunctionDefinition(name, parameters, results, ())
-        around, self.scope = self.scope, scope
+        around = self.scope, self._result_kinds, self._depth
+        self.scope, self._result_kinds, self._depth = scope, [], 0
         scope.names = {*own, *outer_names, *stored_names(tree)}
         body = self._block(tree.body, results)
-        self.scope = around
+        self.kinds_of_results[name] = tuple(self._result_kinds)
+        self.scope, self._result_kinds, self._depth = around
         self.functions[name] = m.FunctionDefinition(name, parameters, results, body)
         return name
 
@@ -95,16 +109,24 @@ class PythonTranslation(SequenceTranslation):
                 combined = ast.copy_location(ast.BinOp(ast.copy_location(read, tree), op, value), tree)
                 return self._assign(target, combined, place)
             case ast.If(test=test, body=body, orelse=otherwise):
-                branch = m.Branch(self.value(test), self._block(body, results), place=place)
-                return [m.If((branch,), self._block(otherwise, results), place=place)]
-            case ast.While(test=test, body=body, orelse=[]):
-                return [m.While(self.value(test), self._block(body, results), place=place)]
-            case ast.For(orelse=[]):
-                return self._for(tree, results, place)
+                condition, before = self.value(test), dict(self.scope.kinds)
+                branch = m.Branch(condition, self._block(body, results), place=place)
+                kinds, self.scope.kinds = self.scope.kinds, before
+                statement = m.If((branch,), self._block(otherwise, results), place=place)
+                self.scope.kinds = _merged(kinds, self.scope.kinds)
+                return [statement]
+            case ast.While() | ast.For():
+                return self._loop(tree, results, place)
+            case ast.Raise():
+                # arguments of an exception are texts, whose values change nothing
+                unset = [m.Assign((m.Name(name),), m.Number(math.nan), place=place) for name in results]
+                return [m.Evaluate(m.Call(m.Name("py:raise"), ()), place=place), *unset, m.Jump("return", place=place)]
             case ast.FunctionDef():
                 return self._define(tree)
             case ast.Break():
-                return [m.Jump("break", place=place)]
+                noted = self._ends[-1]
+                mark = [m.Assign((m.Name(noted),), m.Number(1.0), place=place)] if noted else []
+                return [*mark, m.Jump("break", place=place)]
             case ast.Continue():
                 return [m.Jump("continue", place=place)]
         raise untranslated(tree)
@@ -114,8 +136,13 @@ class PythonTranslation(SequenceTranslation):
         if len(values) != len(results):
             raise UntranslatableError("it returns several values", tree.lineno)
         place = m.TextPosition(tree.lineno)
-        pairs = zip(results, values, strict=True)
-        return [m.Assign((m.Name(name),), self.value(item), place=place) for name, item in pairs]
+        statements: list[m.Statement] = [
+            m.Assign((m.Name(name),), self.value(item), place=place) for name, item in zip(results, values, strict=True)
+        ]
+        kinds = [self.kind(item) for item in values]
+        before = self._result_kinds or kinds
+        self._result_kinds = [merged_kind(pair) for pair in zip(before, kinds, strict=True)]
+        return statements
 
     def _define(self, tree: ast.FunctionDef) -> list[m.Statement]:
         if tree.name in self.scope.inner or any(isinstance(node, ast.Nonlocal | ast.Global) for node in ast.walk(tree)):
@@ -133,8 +160,8 @@ class PythonTranslation(SequenceTranslation):
                 return self._assign_name(name, value, place)
             case ast.Tuple(), ast.Call() if self._called(value) is not None:
                 names = target_names(target, len(target.elts))
-                self._note_numbers(names, value)
                 call = self._call_function(value, len(names))
+                self._note_numbers(names, value)
                 return [m.Assign(tuple(map(m.Name, names)), call, place=place)]
             case ast.Tuple(), _:
                 values = self.elements(value) or []
@@ -144,6 +171,7 @@ class PythonTranslation(SequenceTranslation):
             case ast.Subscript(value=ast.Name(id=name)), _ if name in self.scope.lists:
                 element = self.element(target)
                 if isinstance(element, m.Name):
+                    self._note_kinds({element.name: self.kind(value)})
                     return [m.Assign((element,), self.value(value), place=place)]
         raise untranslated(target)
 
@@ -156,15 +184,30 @@ class PythonTranslation(SequenceTranslation):
             return [m.Assign((m.Name(name),), number, place=place)]
         if name in self.scope.numbers or self.scope.lists.get(name, len(items)) != len(items):
             raise UntranslatableError(f"{name} is a number and a list, or changes its length", place.line)
+        kinds = (
+            [self.kind(item) for item in value.elts]
+            if isinstance(value, ast.List | ast.Tuple)
+            else [self.element_kind(value)] * len(items)
+        )
         self.scope.lists[name] = len(items)
-        return self._assign_all([element_name(name, at) for at in range(len(items))], items, place)
+        names = [element_name(name, at) for at in range(len(items))]
+        self._note_kinds(dict(zip(names, kinds, strict=True)))
+        return self._assign_all(names, items, place)
 
     def _note_numbers(self, names: Sequence[str], value: ast.expr) -> None:
         """Note which names are numbers, and of which kind."""
+        self._check_numbers(names, value)
+        kinds = self._call_kinds.get(id(value), (value, ()))[1]
+        if isinstance(value, ast.Tuple | ast.List) and len(value.elts) == len(names):
+            kinds = tuple(map(self.kind, value.elts))
+        elif len(kinds) != len(names):
+            kinds = (self.kind(value) if len(names) == 1 else self.element_kind(value),) * len(names)
+        self._note_kinds(dict(zip(names, kinds, strict=True)))
+
+    def _check_numbers(self, names: Sequence[str], value: ast.expr) -> None:
         if lists := [name for name in names if name in self.scope.lists]:
             raise UntranslatableError(f"{lists[0]} is a number and a list", value.lineno)
         self.scope.numbers.update(names)
-        self.scope.kinds.update(dict.fromkeys(names, self.kind(value)))
 
     def _assign_all(
         self, names: Sequence[str], values: Sequence[m.Expression], place: m.TextPosition
@@ -192,18 +235,51 @@ class PythonTranslation(SequenceTranslation):
 
     # loops
 
+    def _loop(self, tree: ast.While | ast.For, results: tuple[str, ...], place: m.TextPosition) -> list[m.Statement]:
+        """Translate a loop; what follows behind `else` runs unless `break` has ended it."""
+        ended = f"%ended{next(self._numbers)}" if tree.orelse else ""
+        self._ends.append(ended)
+        loop = self._settled_loop(tree, results, place)
+        self._ends.pop()
+        if not ended:
+            return loop
+        branch = m.Branch(m.Unary("~", m.Name(ended)), self._block(tree.orelse, results), place=place)
+        return [m.Assign((m.Name(ended),), m.Number(0.0), place=place), *loop, m.If((branch,), place=place)]
+
+    def _settled_loop(
+        self, tree: ast.While | ast.For, results: tuple[str, ...], place: m.TextPosition
+    ) -> list[m.Statement]:
+        """Translate a loop until the kinds of numbers at the start of a pass are those at the end of any."""
+        self._depth += 1
+        for _ in range(_MOST_KINDS):
+            before, inner = dict(self.scope.kinds), dict(self.scope.inner)
+            if isinstance(tree, ast.For):
+                loop = self._for(tree, results, place)
+            else:
+                loop = [m.While(self.value(tree.test), self._block(tree.body, results), place=place)]
+            if all(self.scope.kinds[name] == kind for name, kind in before.items()):
+                break
+            self.scope.inner = inner
+        self._depth -= 1
+        return loop
+
+    def _note_kinds(self, kinds: dict[str, NumberKind]) -> None:
+        """Note which kinds of numbers names hold from here on; within a loop, at the start of its passes as well."""
+        self.scope.kinds = _merged(self.scope.kinds, kinds) if self._depth else self.scope.kinds | kinds
+
     def _for(self, tree: ast.For, results: tuple[str, ...], place: m.TextPosition) -> list[m.Statement]:
         match tree.target, tree.iter:
             case ast.Name(id=name), ast.Call(func=ast.Name(id="range"), args=args) if not self.scope.is_local("range"):
                 span = self._range([self.value(item) for item in args], args, tree)
                 self._note_numbers([name], tree.iter)
-                self.scope.kinds[name] = "integer"
+                self._note_kinds({name: "integer"})
                 return [m.For(m.Name(name), span, self._block(tree.body, results), place=place)]
         rows = self.rows(tree.iter)
         if rows is None:
             raise untranslated(tree)
         names = target_names(tree.target, len(rows[0]) if rows else 1)
-        self._note_numbers(names, tree.iter)
+        self._check_numbers(names, tree.iter)
+        self._note_kinds(self.kinds_of_targets(tree.target, tree.iter))
         at, start, body = m.Name(f"%pass{next(self._numbers)}"), list[m.Statement](), list[m.Statement]()
         for column, name in zip(zip(*rows, strict=True), names, strict=True) if rows else ():
             # a list is read pass by pass, as it is then; other expressions once, before the first pass
@@ -259,10 +335,20 @@ class PythonTranslation(SequenceTranslation):
             items = self.elements(by_name[name])
             passed += [self.value(by_name[name])] if items is None else items
             if items is not None:
+                kind = self.element_kind(by_name[name])
+                scope.kinds |= {element_name(name, at): kind for at in range(len(items))}
                 scope.lists[name] = len(items)
                 _check_kept(called, name)
             scope.kinds[name] = self.kind(by_name[name])
-        return m.Call(m.Name(self.function(called, scope)), tuple(passed))
+        name = self.function(called, scope)
+        self._call_kinds[id(tree)] = tree, self.kinds_of_results.get(name, ())
+        return m.Call(m.Name(name), tuple(passed))
+
+    def _kind_of_call(self, tree: ast.Call) -> NumberKind:
+        if self._called(tree) is None:
+            return super()._kind_of_call(tree)
+        kinds = self._call_kinds.get(id(tree), (tree, ()))[1]
+        return kinds[0] if len(kinds) == 1 else "unknown"
 
     def _names_around(self, tree: ast.FunctionDef) -> Iterator[str]:
         """Yield the names of this function that an inner one reads, also through others that it calls."""
@@ -279,6 +365,11 @@ class PythonTranslation(SequenceTranslation):
         yield from names
 
 
+def _merged(left: dict[str, NumberKind], right: dict[str, NumberKind]) -> dict[str, NumberKind]:
+    """Return which kinds names hold behind one of two paths; a name that one of them does not assign has one kind."""
+    return left | {name: merged_kind([kind, left.get(name, kind)]) for name, kind in right.items()}
+
+
 def _variables(name: str, scope: FunctionScope) -> list[str]:
     """Return the variables of an argument: one for each element of a list."""
     return [element_name(name, at) for at in range(scope.lists[name])] if name in scope.lists else [name]
@@ -287,12 +378,17 @@ def _variables(name: str, scope: FunctionScope) -> list[str]:
 def _arguments(called: ast.FunctionDef, tree: ast.Call, constants: dict[str, float]) -> list[ast.expr]:
     """Return the arguments of a call in the order of the function, with its defaults."""
     names = parameters_of(called)
-    if len(tree.args) > len(names) or any(isinstance(argument, ast.Starred) for argument in tree.args):
+    if len(tree.args) > len(called.args.posonlyargs) + len(called.args.args) or any(
+        isinstance(argument, ast.Starred) for argument in tree.args
+    ):
         raise untranslated(tree)
+    positional = names[: len(names) - len(called.args.kwonlyargs)]
     defaults = called.args.defaults
-    values = dict(zip(names[len(names) - len(defaults) :], defaults, strict=True))
+    values = dict(zip(positional[len(positional) - len(defaults) :], defaults, strict=True))
+    by_keyword = zip(called.args.kwonlyargs, called.args.kw_defaults, strict=True)
+    values |= {each.arg: default for each, default in by_keyword if default is not None}
     # Python computes a default where the function is defined: only a number is the same at each call
-    if any(number_of(default, constants) is None for default in defaults):
+    if any(number_of(default, constants) is None for default in values.values()):
         raise UntranslatableError(f"a default of {called.name} is not a number", called.lineno)
     values |= dict(zip(names, tree.args, strict=False)) | {str(each.arg): each.value for each in tree.keywords}
     if set(values) != set(names):

@@ -32,7 +32,7 @@ ITSELF: Final = "itself"  # default of an argument that stands for the value of 
 
 Deferred = Callable[[], int]
 
-_UNARY = "abs sqrt exp log log10 sin cos tan asin acos atan sinh cosh tanh erf floor ceil round sign single"
+_UNARY = "abs sqrt exp log log10 sin cos tan asin acos atan sinh cosh tanh erf erfc floor ceil round sign single"
 
 
 class InvalidArgumentError(Exception):

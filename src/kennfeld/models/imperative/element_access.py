@@ -39,13 +39,15 @@ def fixed_element(array: Array, at: Sequence[int]) -> Any:
         raise ProgramError(f"index ({places}) exceeds an array of size {format_sizes(array)}") from None
 
 
-def cell_indices(evaluator: SymbolicEvaluator, whole: Array, trees: Sequence[m.Expression]) -> list[int]:
+def cell_indices(
+    evaluator: SymbolicEvaluator, whole: Array, trees: Sequence[m.Expression], kind: str = "a cell"
+) -> list[int]:
     """Evaluate the indices, from 0, of an element of a cell array; raises `ProgramError` unless they are constant."""
     indices = map(s.as_array, evaluator.index_values(whole, trees))
-    numbers = [evaluator.context.numbers(index, "the index of a cell") for index in indices]
+    numbers = [evaluator.context.numbers(index, f"the index of {kind}") for index in indices]
     at = [int(number.item()) - 1 for number in numbers if number is not None and np.isfinite(number).sum() == 1]
     if len(at) < len(trees):
-        raise ProgramError("the index of a cell is not a constant scalar")
+        raise ProgramError(f"the index of {kind} is not a constant scalar")
     return at
 
 
@@ -203,7 +205,7 @@ def assign_part(
             return _with_cell(evaluator, current, arguments, value)
         case m.Call(_, arguments):
             if rest:
-                inner = None if current is None else index_value(evaluator, current, arguments, "it")
+                inner = _known_element(evaluator, current, arguments)
                 value = assign_part(evaluator, inner, rest, value)
             return _with_elements(evaluator, current, arguments, value)
     raise ProgramError("assignment to a part of a cell is not supported")
@@ -239,10 +241,7 @@ def _with_elements(
     evaluator: SymbolicEvaluator, current: s.SymbolicValue | None, trees: Sequence[m.Expression], value: s.SymbolicValue
 ) -> s.SymbolicValue:
     if isinstance(current, MatlabStruct) or isinstance(value, MatlabStruct):
-        is_array = isinstance(current, MatlabStruct) and current.elements.size != 1
-        if not is_array and all(is_one(evaluator, tree) for tree in trees):
-            return value
-        raise ProgramError("arrays of structs are not supported")
+        return _with_struct(evaluator, current, trees, value)
     old = s.EMPTY if current is None else s.as_array(current, "the target of an assignment")
     new = s.as_array(value, "the assigned value")
     if isinstance(current, s.LogicalNodes) and not isinstance(new, s.LogicalNodes):
@@ -254,6 +253,41 @@ def _with_elements(
     keeps_logical = current is None or (isinstance(current, s.LogicalNodes) and current.size > 0)
     logical = isinstance(new, s.LogicalNodes) and keeps_logical
     return s.as_logical(result) if logical else s.integers(result, s.word_of(new if old.size == 0 else old))
+
+
+def _known_element(
+    evaluator: SymbolicEvaluator, current: s.SymbolicValue | None, trees: Sequence[m.Expression]
+) -> s.SymbolicValue | None:
+    """Return the element of which a part is assigned; None if the assignment makes it."""
+    if current is None or (isinstance(current, np.ndarray) and current.size == 0):
+        return None
+    if isinstance(current, MatlabStruct):
+        at = cell_indices(evaluator, current.elements, trees, "an array of structs")
+        shape = (current.elements.size,) if len(at) == 1 else fold_shape(current.elements.shape, len(at))
+        if any(place >= size for place, size in zip(at, shape, strict=True)):
+            return None
+    return index_value(evaluator, current, trees, "it")
+
+
+def _with_struct(
+    evaluator: SymbolicEvaluator, current: s.SymbolicValue | None, trees: Sequence[m.Expression], value: s.SymbolicValue
+) -> MatlabStruct:
+    """Return an array of structs with another element; all have the fields of each, which are empty at first."""
+    if current is None or (isinstance(current, np.ndarray) and current.size == 0):
+        current = MatlabStruct(np.empty((0, 0), dtype=object))
+    if not isinstance(current, MatlabStruct) or not isinstance(value, MatlabStruct) or value.elements.size != 1:
+        raise ProgramError(f"{s.describe(value)} is assigned to an element of {s.describe(current)}")
+    at = cell_indices(evaluator, current.elements, trees, "an array of structs")
+    names = dict.fromkeys((*current.fields, *value.fields))
+    try:
+        elements = assign_elements(
+            current.elements, [scalar(place + 1) for place in at], object_array([value.fields], (1, 1)), {}, Budget()
+        )
+    except MatlabValueError as error:
+        raise ProgramError(f"assignment to an array of structs: {error}") from None
+    filled = [{name: fields.get(name, s.EMPTY) for name in names} for fields in elements.ravel(order="F")]
+    whole = object_array(filled, (elements.size, 1)).reshape(elements.shape, order="F")
+    return MatlabStruct(whole, tuple(names), current.kind)
 
 
 def _written(evaluator: SymbolicEvaluator, old: Nodes, places: list[s.SymbolicValue], new: Nodes) -> Nodes:

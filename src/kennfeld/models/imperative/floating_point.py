@@ -67,6 +67,52 @@ def fraction_of(builder: GraphBuilder, x: Nodes) -> Nodes:
     return copy_sign(builder, rest, x)
 
 
+def next_number(builder: GraphBuilder, x: Nodes, y: Nodes, *, is_single: bool = False) -> Nodes:
+    """Compute the number next to x in the direction of y, as `nextafter` of C, in double or single precision.
+
+    Its slope along x is 1.
+    """
+    apply = Elementwise(builder)
+    digits, least, largest = (24.0, 2.0**-149, 2.0**128 - 2.0**104) if is_single else (53.0, 2.0**-1074, math.nan)
+    size = apply("abs", x)
+    is_outward = apply("eq", apply("gt", y, x), apply("gt", x, 0.0))
+    # below a power of two, numbers are half as far apart as above
+    is_power = apply("eq", mantissa_of(builder, size), 0.5)
+    exponent = apply("sub", exponent_of(builder, x), apply("and", is_power, apply("not", is_outward)))
+    step = apply("max", scaled(builder, np.array([[builder.const(1.0)]]), apply("sub", exponent, digits)), least)
+    moved = apply("add", size, apply("select", is_outward, step, apply("neg", step)))
+    if is_single:
+        moved = apply("select", apply("gt", moved, largest), math.inf, moved)
+    from_infinity = largest if is_single else np.finfo(np.float64).max
+    moved = apply("select", apply("eq", size, math.inf), float(from_infinity), moved)
+    moved = copy_sign(builder, moved, x)
+    moved = apply("select", apply("eq", x, 0.0), copy_sign(builder, np.array([[builder.const(least)]]), y), moved)
+    # x or y is NaN: the sum is, and so is the result
+    moved = apply("select", apply("eq", x, y), y, moved)
+    return apply("select", apply("or", apply("ne", x, x), apply("ne", y, y)), math.nan, moved)
+
+
+def class_of(builder: GraphBuilder, x: Nodes, least: float) -> Nodes:
+    """Compute the kind of a number as the GNU library counts `fpclassify`: NaN 0, infinite 1, 0 2, subnormal 3, 4."""
+    apply = Elementwise(builder)
+    size = apply("abs", x)
+    kind = apply("select", apply("ge", size, least), 4.0, 3.0)
+    kind = apply("select", apply("eq", size, 0.0), 2.0, kind)
+    kind = apply("select", apply("eq", size, math.inf), 1.0, kind)
+    return apply("select", apply("ne", x, x), 0.0, kind)
+
+
+def last_bits_of_quotient(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
+    """Compute the integer of `nearest_remainder` mod 8 with the sign of a / b, as `remquo` of the GNU library."""
+    apply = Elementwise(builder)
+    eighth = remainder(builder, apply("abs", a), apply("mul", 8.0, apply("abs", b)))
+    rest = nearest_remainder(builder, eighth, apply("abs", b))
+    count = apply("mod", apply("round", apply("div", apply("sub", eighth, rest), apply("abs", b))), 8.0)
+    is_negative = apply("ne", apply("lt", a, 0.0), apply("lt", b, 0.0))
+    count = apply("select", is_negative, apply("neg", count), count)
+    return apply("select", apply("eq", apply("abs", b), math.inf), 0.0, count)
+
+
 def nearest_remainder(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:
     """Compute a - n b for the integer n nearest to a / b, the even one of two, as `remainder` of C.
 

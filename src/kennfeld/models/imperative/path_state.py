@@ -12,7 +12,7 @@ import numpy as np
 
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.matlab.values import MatlabCell, MatlabFunctionHandle, MatlabStruct
+from kennfeld.matlab.values import MatlabCell, MatlabFunctionHandle, MatlabStruct, object_array
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import EvaluationContext
 from kennfeld.models.imperative.node_arrays import Nodes, elementwise, format_sizes
@@ -159,6 +159,10 @@ class _StateMerge:
                 return MatlabStruct.of(
                     {key: self.held(f"{name}.{key}", yes.fields[key], no.fields[key]) for key in yes.fields}
                 )
+            case MatlabStruct(), MatlabStruct() if (
+                set(yes.fields) == set(no.fields) and yes.elements.shape == no.elements.shape
+            ):
+                return self._structs(name, yes, no)
             case MatlabCell(), MatlabCell() if yes.values.shape == no.values.shape:
                 pairs = zip(yes.contents, no.contents, strict=True)
                 return MatlabCell.of((self.held(name, *pair) for pair in pairs), yes.values.shape)
@@ -168,6 +172,16 @@ class _StateMerge:
                 if (yes.name, yes.parameters, yes.body) == (no.name, no.parameters, no.body):
                     return yes
         return _of_two_types(name)
+
+    def _structs(self, name: str, yes: MatlabStruct, no: MatlabStruct) -> MatlabStruct:
+        """Merge arrays of structs, element by element."""
+        pairs = zip(yes.elements.ravel(order="F"), no.elements.ravel(order="F"), strict=True)
+        merged = [
+            {key: self.held(f"{name}({at}).{key}", item[key], other[key]) for key in item}
+            for at, (item, other) in enumerate(pairs, 1)
+        ]
+        whole = object_array(merged, (len(merged), 1)).reshape(yes.elements.shape, order="F")
+        return MatlabStruct(whole, yes.names, yes.kind)
 
     def _arrays(self, name: str, yes: Nodes, no: Nodes) -> s.SymbolicValue:
         return self._selected(self.condition, yes, no) if yes.shape == no.shape else self._varying(name, yes, no)

@@ -47,6 +47,9 @@ class SearchPlan:
         patience: number of such changes in a row.
         kink_difference: relative difference of two ends from which kinks matter.
         gain: relative decrease of the cost that is enough.
+        doubtful_promise: share of the cost that the slopes may promise at an end that is only compared. A kink promises
+            some thousandths, for which a descent would start again twice, and the best end is continued anyway.
+        valley_difference: relative difference of two ends that lie in different valleys.
     """
 
     short: SmoothingSchedule = SHORT_SCHEDULE
@@ -57,10 +60,13 @@ class SearchPlan:
     patience: int = 2
     kink_difference: float = 3e-3
     gain: float = 1e-3
+    doubtful_promise: float = 0.1
+    valley_difference: float = 2e-2
 
     def early(self, settings: SolverSettings) -> SolverSettings:
         """Return the settings of descents that are compared."""
-        return replace(settings, tolerance=max(settings.tolerance, self.tolerance), patience=self.patience)
+        tolerance = max(settings.tolerance, self.tolerance)
+        return replace(settings, tolerance=tolerance, patience=self.patience, doubtful_promise=self.doubtful_promise)
 
 
 @dataclass(frozen=True)
@@ -75,6 +81,12 @@ class DescentSetup:
     options: Options
     report: ProblemReport
     plan: SearchPlan = SearchPlan()
+    significant: float = 0.0  # see `fit.significant_decrease`
+
+    @property
+    def settings(self) -> SolverSettings:
+        """The settings of one descent."""
+        return replace(self.options.settings, doubtful_promise=self.significant)
 
     @property
     def is_global(self) -> bool:
@@ -94,7 +106,7 @@ def minimise(setup: DescentSetup, start: Float, limits: LinearLimits) -> SolverR
     if options.method == "global":
         return _search_globally(setup, start, limits)
     moving_axes = bool(setup.exact.problem.free_axes)
-    settings = coarsen(options.settings) if moving_axes else options.settings
+    settings = coarsen(setup.settings) if moving_axes else setup.settings
     if setup.continuation is None:
         ends = [_descend(setup, start, limits, settings)]
     else:
@@ -147,9 +159,11 @@ def _compare_descents(
     if plan.long is not None and _costs_differ(ends, plan.kink_difference):
         ends.append(continuation.descend(plan.long, start, limits, early, setup.report, costs)[0])
     end = _continue_on_all_samples(setup, ends, start, limits, settings)
-    # at a smooth minimum the undamped step promises nothing; at a kink, the slopes of one side still promise a decrease
-    smooth = end.certificate is not None and end.certificate.predicted_decrease <= settings.tolerance
-    done = smooth or end.cost == 0 or end.status != "converged"
+    # at a smooth minimum the undamped step promises nothing; at a kink, the slopes of one side still promise a
+    # decrease, of which another search among the same kinks finds about as much. It says nothing of other valleys.
+    enough = 0.0 if _costs_differ(ends, plan.valley_difference) else setup.significant
+    promise = np.inf if end.certificate is None else end.certificate.predicted_decrease
+    done = promise <= max(settings.tolerance, enough) or end.cost == 0 or end.status != "converged"
     return end if done else _cross_kinks(setup, continuation, end, limits, settings)
 
 
@@ -163,14 +177,13 @@ def _cross_kinks(
     plan, best, iterations = setup.plan, end, 0
     for number, schedule in enumerate(plan.again):
         near, _ = continuation.descend(schedule, best.values, limits, plan.early(settings), setup.report)
-        if near.status == "stopped":
-            # its cost may be that of a smoothed model, which does not compare with the best one
-            last, effort = near.moved(near.values, setup.objective.cost(near.values)), [near]
-        else:
+        before = best.cost
+        # that of `near` may be the cost of a smoothed model, or of a part of the samples
+        last, effort = near.moved(near.values, setup.objective.cost(near.values)), [near]
+        if near.status != "stopped" and last.cost <= (1 + plan.kink_difference) * before:
             final = partial(setup.report, "final")
             last = levenberg_marquardt(setup.objective, near.values, limits, settings, final)
-            effort = [near, last]
-        before = best.cost
+            effort.append(last)
         iterations += sum(each.iterations for each in effort)
         best = (last if last.cost < before else best).with_effort_of([best, *effort])
         if last.status == "stopped":

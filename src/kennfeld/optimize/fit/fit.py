@@ -54,11 +54,12 @@ from kennfeld.optimize.solver.levenberg_marquardt import (
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.strategies.output_limits import OutputLimits
 from kennfeld.optimize.strategies.smoothing_continuation import Continuation
-from kennfeld.optimize.sums.compiled import CompiledProblem
+from kennfeld.optimize.sums.compiled import CompiledProblem, smoothable
 from kennfeld.optimize.sums.objective import LeastSquaresObjective
 from kennfeld.optimize.trust.assessment import TrustAssessment
 
 NOISE_SHARE, MAX_TOLERANCE = 0.05, 3e-5  # see `default_tolerance`
+MAX_SIGNIFICANT = 1e-3  # see `significant_decrease`
 REJOIN = "Start the cluster, and run the command again."
 KEPT = "The result has the best values so far; their errors are unknown."
 CHOICE = "smoothness"  # begins the names of stages in which factors are chosen
@@ -75,8 +76,24 @@ def default_tolerance(compiled: CompiledProblem, objective: LeastSquaresObjectiv
     """
     if objective.uses_qr or compiled.problem.has_goals:
         return SolverSettings.tolerance
-    share = NOISE_SHARE * compiled.values.free / max(compiled.residuals, 1)
-    return float(np.clip(share, SolverSettings.tolerance, MAX_TOLERANCE))
+    return float(np.clip(_noise_share(compiled), SolverSettings.tolerance, MAX_TOLERANCE))
+
+
+def significant_decrease(compiled: CompiledProblem, objective: LeastSquaresObjective) -> float:
+    """Return the share of the cost that the slopes at kinks of lookups have to promise before a search goes on.
+
+    At a kink the slopes of one side promise a decrease that the other side takes back. Below the share of
+    `default_tolerance`, which is much larger than any tolerance where values are many, the data could not even tell a
+    decrease that is real. It is 0 where the slopes are believed: without kinks, and in problems without noise or with
+    few values.
+    """
+    if objective.uses_qr or compiled.problem.has_goals or not smoothable(compiled.problem):
+        return 0.0
+    return min(_noise_share(compiled), MAX_SIGNIFICANT)
+
+
+def _noise_share(compiled: CompiledProblem) -> float:
+    return NOISE_SHARE * compiled.values.free / max(compiled.residuals, 1)
 
 
 class FitRun:
@@ -101,6 +118,7 @@ class FitRun:
         self.objective = LeastSquaresObjective(self.exact)
         tolerance = options.tolerance or default_tolerance(self.exact, self.objective)
         self.options = replace(options, tolerance=tolerance)
+        self.significant = 0.0 if options.tolerance else significant_decrease(self.exact, self.objective)
         smoothed = options.continuation != "off" and options.method != "global"
         self.continuation = Continuation.of(self.exact) if smoothed else None
         single = self.continuation is None and options.method != "global" and self.exact.sums.stateful
@@ -323,6 +341,7 @@ class FitRun:
             self.outputs,
             self.options,
             report=self.record,
+            significant=self.significant,
         )
 
     def _finish_parts(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
@@ -351,7 +370,7 @@ class FitRun:
         other = copy(self)
         other.exact = other.thinned = part.compiled(self.exact)
         other.objective, other.continuation = LeastSquaresObjective(other.exact), None
-        other._whole, other._misled = self, None
+        other._whole, other._misled, other.significant = self, None, 0.0
         other.__dict__.pop("limits", None)
         return other
 

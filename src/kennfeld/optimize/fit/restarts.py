@@ -23,7 +23,7 @@ MAX_DEPARTURES = 3  # searches that may start again from a point at which values
 
 def descend(setup: DescentSetup, start: Float, limits: LinearLimits, *, remembers_scale: bool = False) -> SolverResult:
     """Descend from values, Float[values], on the model as it is; see `SolverSettings.remembers_scale`."""
-    settings = replace(setup.options.settings, remembers_scale=remembers_scale)
+    settings = replace(setup.settings, remembers_scale=remembers_scale)
     return levenberg_marquardt(setup.objective, start, limits, settings, partial(setup.report, "plain"))
 
 

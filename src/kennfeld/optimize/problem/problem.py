@@ -274,6 +274,12 @@ class Problem:
         is_channel = target.kind == "channel" or any(target.name in data for data in self.datasets)
         return target.name if target.kind == "node" or (target.kind == "name" and not is_channel) else None
 
+    def error_unit(self, criterion: Criterion) -> str:
+        """Return the unit of the errors of a criterion: of what is measured, which the function may not state."""
+        target = criterion.target.name
+        recorded = next((data[target].unit for data in self.datasets if target in data), "")
+        return recorded or self.model.graph.units.get(criterion.node, "")
+
     def target(self, criterion: Criterion, bound: BoundDataset) -> Float:
         """Return the target of the difference node, Float[kept samples]; NaN at samples that are not scored."""
         if criterion.target.kind == "number":

@@ -15,7 +15,7 @@ from kennfeld.domain.file_spans import short_names
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.graph import Graph
 from kennfeld.graph.lookup_lowering import LoweredGraph, lower_lookups
-from kennfeld.native.simulator import Simulator
+from kennfeld.native.simulator import SimulatedSteps, Simulator
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.optimize.quality.error_sums import ErrorSums
 from kennfeld.optimize.quality.recording_quality import RecordingQuality
@@ -120,6 +120,10 @@ class NodeSimulator:
     def over(self, columns: Mapping[str, Float], count: int, parameters: ParameterSet, starts: Sequence[int]) -> Float:
         """Simulate columns of `count` samples, whose pieces begin at `starts`; returns Float[names, samples]."""
         return self._simulator.over(columns, count, parameters, starts)
+
+    def steps(self, bound: BoundDataset, parameters: ParameterSet) -> SimulatedSteps:
+        """Return a simulation of a bound dataset that goes on where it stopped; see `Simulator.steps`."""
+        return self._simulator.steps(bound.columns, bound.count, parameters)
 
     def at(self, bound: BoundDataset, sample: int, parameters: ParameterSet) -> Float:
         """Return the nodes at one sample of a bound dataset, Float[names]; with states, its piece is simulated."""

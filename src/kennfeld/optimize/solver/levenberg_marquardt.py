@@ -62,13 +62,13 @@ class SolverSettings:
     if the actual reduction is at least `damping_limited_ratio` times the predicted one: then the damping keeps them
     small.
 
-    It has converged if the undamped step promises less than `tolerance` there. Otherwise it goes on from the undamped
-    step, with what it has learnt forgotten: first with a damping in the scale of the columns of J as they are, then in
-    that of the columns on the way. The first one matters if long steps have made all columns smaller by many orders, as
-    that of an exponent does: the scale of the way would damp every step to nothing. The second one matters if one
-    column has shrunk, as that of a rate does where the output has saturated: its value would run so far that no step
-    succeeds at a damping that lets the others move. It has converged if both end before they have lowered the cost by
-    `tolerance`.
+    It has converged if the undamped step promises less than `tolerance` there, or than `doubtful_promise` if that is
+    larger. Otherwise it goes on from the undamped step, with what it has learnt forgotten: first with a damping in the
+    scale of the columns of J as they are, then in that of the columns on the way. The first one matters if long steps
+    have made all columns smaller by many orders, as that of an exponent does: the scale of the way would damp every
+    step to nothing. The second one matters if one column has shrunk, as that of a rate does where the output has
+    saturated: its value would run so far that no step succeeds at a damping that lets the others move. It has converged
+    if both end before they have lowered the cost by `tolerance`.
     """
 
     max_iterations: int = 200
@@ -77,6 +77,7 @@ class SolverSettings:
     damping: float = 1e-4
     damping_limited_ratio: float = 0.9
     remembers_scale: bool = False  # begin with a damping in the scale of the columns on the way
+    doubtful_promise: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -483,7 +484,7 @@ class _LevenbergMarquardt:
         # an end whose model cannot be factored promises everything
         slope, promise = (1.0, 1.0) if state.certificate is None else state.certificate[:2]
         # before the end is believed, a descent from the undamped step has to fail
-        if promise > self.settings.tolerance and state.untried:
+        if promise > max(self.settings.tolerance, self.settings.doubtful_promise) and state.untried:
             self._restart(model)
             return None
         failed = promise > PROMISED_SHARE or (state.iterations == 0 and slope > STEEP)

@@ -167,12 +167,18 @@ function Errors() {
             <span class="unseen">data</span>
           </th>
           <th class="num">unrounded</th>
-          <th class="num">each to the nearest</th>
-          <th class="num">joint: errors cancel</th>
+          <th class="num" title="Each value rounded to the nearest">
+            nearest
+          </th>
+          <th class="num" title="All values rounded together, so that their errors cancel">
+            joint
+          </th>
           <th>
             <span class="unseen">change</span>
           </th>
-          <th class="num">of the loss regained</th>
+          <th class="num" title="Share of the loss of rounding to the nearest that joint rounding regains">
+            regained
+          </th>
         </tr>
       </thead>
       <tbody>

@@ -19,7 +19,10 @@ export function FileTable() {
   const all = entries.value;
   const used = all.filter((each) => each.use !== "off").reduce((sum, each) => sum + each.files.length, 0);
   const off = all.reduce((sum, each) => sum + each.files.length, 0) - used;
-  const samples = settled.value.datasets.reduce((sum, each) => sum + each.samples, 0);
+  const known = settled.value.datasets.reduce((sum, each) => sum + each.samples, 0);
+  const listed = all.filter((each) => each.use !== "off").flatMap((each) => each.files);
+  // a project with errors has no datasets, but its files have samples
+  const samples = known || listed.reduce((sum, each) => sum + (each.samples ?? 0), 0);
   const unit = unitText(errors.value?.unit ?? "");
   return (
     <section class="pane files">
@@ -251,7 +254,7 @@ function drawError(pen: Pen, wide: number, high: number, points: Float32Array | 
 
 /** The rate of a file; of several groups of channels, the lowest and the highest. */
 function Rate({ own }: { own: RecordingFile }) {
-  const hertz = (step: number): string => significant(1 / step, 3);
+  const hertz = (step: number): string => plain(1 / step, 3);
   const steps = own.groups.map((each) => each.step).filter((step) => step > 0);
   const slowest = steps.length > 0 ? hertz(Math.max(...steps)) : "";
   const fastest = own.step ? hertz(own.step) : "";

@@ -11,6 +11,7 @@ import {
   scans,
   shownChannel,
 } from "../../data-files";
+import { distinctNames } from "../../data-names";
 import { area, type Box, extent, line, type Pen, type Range, widened } from "../../drawing/canvas";
 import { css, family, token } from "../../drawing/colours";
 import { dots, rules } from "../../drawing/marks";
@@ -21,7 +22,7 @@ import { CriterionChoice } from "../../instruments/criterion-choice";
 import { Picture } from "../../instruments/picture";
 import { showDataset, stretch } from "../../plots";
 import type { FileRow } from "../../replies";
-import { screen } from "../../store";
+import { blocking, screen } from "../../store";
 
 const LEFT = 60;
 const RIGHT = 16; // half of the last number of an axis
@@ -55,8 +56,10 @@ export function Preview() {
           </span>
         </span>
       </div>
-      {facts?.missing ? (
-        <p class="pad q">{facts.missing}</p>
+      {facts?.missing || blocking.value !== null ? (
+        <p class="pad q">
+          {facts?.missing || "All files are drawn here, one after the other, once the project can be evaluated."}
+        </p>
       ) : (
         <Picture
           label={`${shownChannel.value} and the error over all files; a click shows the worst stretch in Plots`}
@@ -80,9 +83,10 @@ function drawPreview(pen: Pen, width: number, height: number): Read | undefined 
   const each = (width - LEFT - RIGHT) / files.length;
   const ranges: [Range, Range] = [widened(extent(...channel), 0.06), [-reach * 1.1, reach * 1.1]];
   const gaps = preview.value?.signals[0]?.gaps ?? {};
+  const short = distinctNames(files.map((each) => each.name));
   files.forEach((file, k) => {
     const [left, right] = [LEFT + k * each, LEFT + (k + 1) * each - (k + 1 < files.length ? 2 : 0)];
-    drawHead(pen, file, left, right, k === chosenFile.value);
+    drawHead(pen, file, short[k]!, left, right, k === chosenFile.value);
     const boxes: [Box, Box] = [
       { left, right, top: HEAD + 4, bottom: middle - 4 },
       { left, right, top: middle + 4, bottom: height - 34 },
@@ -141,13 +145,15 @@ function rangeText(name: string, pairs: Float32Array, share: number, unit: strin
 const worstOf = (file: FileRow): [number, number] =>
   file.timed ? [file.worst![0] - file.begin, file.worst![1] - file.begin] : [file.worst![0] - 1, file.worst![1]];
 
-function drawHead(pen: Pen, file: FileRow, left: number, right: number, on: boolean): void {
+function drawHead(pen: Pen, file: FileRow, own: string, left: number, right: number, on: boolean): void {
   pen.fillStyle = token(file.use === "training" ? "accent-soft" : "raise");
   pen.fillRect(left, 0, right - left - 1, HEAD - 3);
   pen.fillStyle = token(on ? "accent" : "text");
   pen.textBaseline = "middle";
-  let text = `${file.name}  ${file.use}`;
-  while (text.length > 2 && pen.measureText(text).width > right - left - 10) text = `${text.slice(0, -2)}…`;
+  const room = right - left - 10;
+  const fits = (text: string): boolean => pen.measureText(text).width <= room;
+  let text = [`${file.name}  ${file.use}`, file.name, own].find(fits) ?? own;
+  while (text.length > 2 && !fits(text)) text = `${text.slice(0, -2)}…`;
   if (right - left > 24) pen.fillText(text, left + 5, HEAD / 2 - 1);
   pen.textBaseline = "alphabetic";
 }
@@ -177,6 +183,7 @@ function ErrorPane() {
         <h2>Errors</h2>
         <span class="sub cut">{file ? `${file.name} and all files` : "by file"}</span>
       </div>
+      {own === null && blocking.value !== null && <p class="pad q">The errors of each file.</p>}
       <Picture
         label="Histogram of the errors of the chosen file and of all files"
         kind="filling"
@@ -215,7 +222,14 @@ function drawHistogram(pen: Pen, width: number, height: number): Read | undefine
   plot.clip(() => {
     shares.forEach((each, k) => {
       if (k !== chosenFile.value)
-        drawSteps(pen, plot, each, own.reach, css(family(k / Math.max(1, shares.length - 1)), 0.6), 1);
+        drawSteps(
+          pen,
+          plot,
+          each,
+          own.reach,
+          shares.length > 8 ? token("before") : css(family(k / Math.max(1, shares.length - 1)), 0.6),
+          shares.length > 8 ? 0.6 : 1,
+        );
     });
     const chosen = shares[chosenFile.value];
     if (chosen) drawSteps(pen, plot, chosen, own.reach, token("error"), 2);

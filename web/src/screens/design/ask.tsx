@@ -130,7 +130,7 @@ function Recording({ own }: { own: Designs }) {
                   if (direction.value > 0) names.value = new Set();
                 }}
               >
-                <option value="0">the function, or what is ticked</option>
+                <option value="0">all, or what is ticked</option>
                 {own.directions.map((text, k) => (
                   <option value={String(k + 1)}>
                     {k + 1}: {text}

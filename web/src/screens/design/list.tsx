@@ -11,7 +11,7 @@ import {
   segment,
   written,
 } from "../../design";
-import { count, counted, MISSING, plain, significant } from "../../drawing/numbers";
+import { count, counted, MISSING, plain, significant, tableFormat } from "../../drawing/numbers";
 import { Segment } from "../../fields";
 import { Icon } from "../../icons";
 import { jump } from "../../navigation";
@@ -136,6 +136,7 @@ function Segments({ own }: { own: FoundDesign }) {
 }
 
 function Points({ own }: { own: FoundDesign }) {
+  const formats = own.channels.map((_, k) => tableFormat(own.points.map((each) => each.channels[k]!)));
   return (
     <table class="list sg" id="points">
       <thead>
@@ -154,8 +155,8 @@ function Points({ own }: { own: FoundDesign }) {
             <td>
               <Badge k={k} />
             </td>
-            {each.channels.map((value) => (
-              <td class="num ink">{significant(value, 5)}</td>
+            {each.channels.map((value, channel) => (
+              <td class="num ink">{formats[channel]!(value)}</td>
             ))}
             <td class="num">{each.block}</td>
             <td class="q">{each.kind}</td>

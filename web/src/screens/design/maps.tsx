@@ -280,7 +280,9 @@ function drawScale(pen: Pen, width: number, head: DesignMap, own: Arrays): void 
   pen.fillStyle = token("quiet");
   pen.textBaseline = "middle";
   pen.textAlign = "center";
-  for (const value of logTicks(...scale)) pen.fillText(plain(value, 2), left + shareOf(value, scale) * wide, 25);
+  const ticks = logTicks(...scale);
+  for (const value of ticks.length > 2 ? ticks : scale)
+    pen.fillText(plain(value, 3), left + shareOf(value, scale) * wide, 25);
   pen.textAlign = "left";
   pen.fillText(`${unitText(head.unit)}, logarithmic`.replace(/^, /, ""), left + wide + 16, 12);
   pen.textBaseline = "alphabetic";

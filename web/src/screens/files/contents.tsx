@@ -1,7 +1,7 @@
 // What a calibration file holds: a row for each label, as `kennfeld info` lists them.
 
 import { opened, search } from "../../calibrations";
-import { MISSING, significant } from "../../drawing/numbers";
+import { MISSING, significant, unitText } from "../../drawing/numbers";
 import { Icon } from "../../icons";
 
 export function ContentTable() {
@@ -50,7 +50,7 @@ export function ContentTable() {
                 </td>
                 <td class="q">{row.kind}</td>
                 <td class="num">{row.size}</td>
-                <td class="q">{row.unit}</td>
+                <td class="q">{unitText(row.unit)}</td>
                 <td class="num">{row.text ? "" : row.least === null ? MISSING : significant(row.least)}</td>
                 <td class="num">{row.greatest === null ? "" : significant(row.greatest)}</td>
                 <td class="q cut">{row.text || row.description}</td>

@@ -11,7 +11,7 @@ import { blocking, failure, request, state } from "../../store";
 const KINDS: Record<TermKind["name"], string> = {
   add: "add a curve",
   multiply: "scale by a curve",
-  map: "map of two channels",
+  map: "add a map of two",
   lag: "lag, PT1",
   offset: "offset by recording",
   delay: "dead time",

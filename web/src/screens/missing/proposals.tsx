@@ -32,7 +32,9 @@ export function ProposalsPane() {
           </span>
         ) : (
           <span class={`sub ${looking.value ? "acc" : ""}`}>
-            {looking.value ? state.value.terms.text : `for ${terms.value?.node}`}
+            {looking.value
+              ? state.value.terms.text
+              : `for ${[...new Set(state.value.criteria.map((each) => each.node))].join(" and ")}`}
           </span>
         )}
         <span class="right">

@@ -8,6 +8,12 @@ import type { RemedyRow, UndeterminedDirection } from "../../replies";
 import { describePath, setKeys } from "../../settings";
 import { state } from "../../store";
 
+/** Smoothness and limits may determine what the data leave open. */
+const determined = (freedom: number | null | undefined, values: number): string =>
+  freedom != null && freedom < 0.99 * values
+    ? "Data, smoothness and limits together determine all values."
+    : "The data determine all values.";
+
 export function TrustPane() {
   const { directions, coupled, sentence, advice, remark, remedies, holdings, noise, freedom, values } = trust.value;
   const ran = state.value.runs.length > 0;
@@ -26,7 +32,7 @@ export function TrustPane() {
             class="right q"
             title="Degrees of freedom that the fit used: the effective number of values that the data determine"
           >
-            the data determine {significant(freedom, 3)} of {values}
+            {significant(freedom, 3)} of {values} by the data alone
           </span>
         )}
       </div>
@@ -35,7 +41,7 @@ export function TrustPane() {
           After a run this lists changes of the values that the data hardly notice, each with a remedy.
         </p>
       )}
-      {ran && open === 0 && <p class="pad q">{remark || "The data determine all values."}</p>}
+      {ran && open === 0 && <p class="pad q">{remark || determined(freedom, values)}</p>}
       {open > 0 && remark && <p class="note warn">{remark}</p>}
       {sentence && (
         <div class={`di ${remedies.length ? "on" : ""}`}>
