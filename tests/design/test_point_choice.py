@@ -7,7 +7,7 @@ from kennfeld.design.point_choice import PointSearch
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_of_few_candidates_the_best_points_are_found_and_leave_what_is_said(seed):
+def test_of_few_candidates_the_best_points_are_chosen_and_their_cost_is_right(seed):
     random = np.random.default_rng(seed)
     half = random.normal(size=(4, 4))
     curvature, rows = half @ half.T + 0.1 * np.eye(4), random.normal(size=(9, 2, 4)) * random.lognormal(size=(9, 1, 1))

@@ -55,7 +55,7 @@ def test_the_deviation_of_a_time_constant_is_within_its_range_once_the_steps_are
     np.testing.assert_array_equal(saved.most["C"], proposal.most["C"])
 
 
-def test_what_a_measurement_leaves_is_said_with_the_noise_of_each_criterion():
+def test_the_deviation_left_by_a_measurement_follows_the_noise_of_each_criterion():
     random = np.random.default_rng(0)
     n = random.uniform(0, 1, 300)
     data = {"n": n, "my": 2 + n + 0.02 * random.normal(size=300), "mz": (2 + n) * 3 + 2 * random.normal(size=300)}

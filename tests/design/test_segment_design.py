@@ -54,7 +54,7 @@ def test_if_nothing_may_change_there_is_nothing_to_measure():
         design(result, segments=1, candidates=drive(60, WIDE, 2), length=10.0)
 
 
-def test_a_value_at_its_bound_counts_as_known_and_that_is_said():
+def test_a_value_at_its_bound_counts_as_known_with_a_remark():
     start = [kf.Curve("C", np.linspace(0, 1, 5), np.full(5, 2.0)), kf.Scalar("T", 2.0, lower=1.5)]
     # the true time constant is 1
     result = kf.calibrate(LAG, drive(60, NARROW), kf.ParameterSet(start), "m", smoothness={"C": 1e-3})
@@ -114,7 +114,7 @@ def test_candidates_of_python_are_read_in_the_unit_of_the_training_data():
     np.testing.assert_allclose(listed[0].after["M"], listed[1].after["M"])
 
 
-def test_without_degrees_of_freedom_the_noise_is_said_to_be_unknown():
+def test_without_degrees_of_freedom_the_noise_is_unknown_with_an_error():
     result = kf.calibrate("input n\ny = a * n", {"n": [1.0], "m": [2.0]}, {"a": 1.0}, "m")
     with pytest.raises(kf.InputError, match="the noise of the data is unknown"):
         design(result, n=3, ranges={"n": (0, 1)})

@@ -28,6 +28,7 @@ def test_the_formula_of_every_robust_loss_is_in_the_documents():
 def test_the_influence_is_half_the_slope_of_the_loss(name, delta):
     r = np.array([-50.0, -2.5, -1.0, -0.2, -1e-3, 1e-3, 0.2, 1.0, 2.5, 50.0])
     ratio, slope = LOSS_RULES[name].influence(r, delta)
+    assert LOSS_RULES[name].value(r, delta) == pytest.approx(loss(r, name, delta)[0], rel=1e-12)
     above, below = (loss(r + step, name, delta)[0] for step in (STEP, -STEP))
     assert ratio * r == pytest.approx((above - below) / (4 * STEP), rel=1e-4, abs=1e-5)
     beyond = LOSS_RULES[name].influence(r + STEP, delta)[0] * (r + STEP)

@@ -27,10 +27,12 @@ class LossRule:
     Attributes:
         code: writes the code of a residual, given as the name of its value, with the `delta` of the criterion.
         influence: computes that of residuals, Float[samples], with the `delta` of the criterion.
+        value: computes the loss of residuals, Float[samples].
     """
 
     code: Callable[[FunctionWriter, str, float], Code]
     influence: Callable[[Float, float], Influence]
+    value: Callable[[Float, float], Float]
 
 
 def _square_code(f: FunctionWriter, r: str, delta: float) -> Code:
@@ -39,6 +41,10 @@ def _square_code(f: FunctionWriter, r: str, delta: float) -> Code:
 
 def _square_influence(r: Float, delta: float) -> Influence:
     return np.ones(r.size), np.ones(r.size)
+
+
+def _square_value(r: Float, delta: float) -> Float:
+    return r**2
 
 
 def _huber_code(f: FunctionWriter, r: str, delta: float) -> Code:
@@ -54,6 +60,11 @@ def _huber_influence(r: Float, delta: float) -> Influence:
     inside = np.abs(r) <= delta
     # both sides of `where` are computed: the maximum keeps r = 0 out of the quotient
     return np.where(inside, 1.0, delta / np.maximum(np.abs(r), delta)), inside.astype(np.float64)
+
+
+def _huber_value(r: Float, delta: float) -> Float:
+    size = np.abs(r)
+    return np.where(size > delta, delta * (2 * size - delta), r**2)
 
 
 def _soft_l1_code(f: FunctionWriter, r: str, delta: float) -> Code:
@@ -72,6 +83,11 @@ def _soft_l1_influence(r: Float, delta: float) -> Influence:
     return 1 / root, root**-3
 
 
+def _soft_l1_value(r: Float, delta: float) -> Float:
+    loss: Float = 2 * r**2 / (np.sqrt(1 + (r / delta) ** 2) + 1)
+    return loss
+
+
 def _excess_code(f: FunctionWriter, r: str, delta: float) -> Code:
     square = f.fmul(r, r)
     # one-sided, as an excess below the limit costs nothing
@@ -84,11 +100,16 @@ def _excess_influence(r: Float, delta: float) -> Influence:
     return above, above
 
 
+def _excess_value(r: Float, delta: float) -> Float:
+    square: Float = np.maximum(r, 0.0) ** 2
+    return square
+
+
 LOSS_RULES: Mapping[Loss, LossRule] = FrozenDict(
     {
-        "square": LossRule(_square_code, _square_influence),
-        "huber": LossRule(_huber_code, _huber_influence),
-        "soft_l1": LossRule(_soft_l1_code, _soft_l1_influence),
-        "excess": LossRule(_excess_code, _excess_influence),
+        "square": LossRule(_square_code, _square_influence, _square_value),
+        "huber": LossRule(_huber_code, _huber_influence, _huber_value),
+        "soft_l1": LossRule(_soft_l1_code, _soft_l1_influence, _soft_l1_value),
+        "excess": LossRule(_excess_code, _excess_influence, _excess_value),
     }
 )

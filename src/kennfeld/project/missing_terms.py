@@ -1,7 +1,7 @@
 """Missing terms of a project: the search over all channels of its recordings, patches of its files, and their undo."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from fnmatch import fnmatchcase
@@ -14,6 +14,7 @@ from kennfeld.analysis.missing.proposal import TermProposal, TermProposals
 from kennfeld.analysis.missing.proposing import SearchScope, Watch, find_terms
 from kennfeld.analysis.missing.refit import Addition
 from kennfeld.analysis.missing.text_patch import difference, quoted_name, with_term
+from kennfeld.base.arrays import Float
 from kennfeld.base.atomic_files import write_whole
 from kennfeld.base.content_digest import digest_of
 from kennfeld.base.errors import ArgumentError, Finding, InputError, Location
@@ -22,6 +23,7 @@ from kennfeld.base.formatting import nearest
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.output_paths import below
 from kennfeld.calfiles import read as read_parameters
+from kennfeld.domain.free_axes import AxisKey, free_axes, with_breakpoints
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
 from kennfeld.measurement.reader import describe
@@ -62,7 +64,7 @@ def propose(
     """
     scope.check()
     problem, remarks = _with_more_channels(project, scope.channels)
-    values = values or _calibrated(project, problem)
+    values = values or calibrated_values(project, problem)
     if values is None:
         report("calibrating, as the results folder has no values of this function")
         remarks.append("Calibrated first, as the results folder has no values of this function.")
@@ -74,7 +76,7 @@ def propose(
     return replace(terms, proposals=patched, remarks=(*remarks, *terms.remarks))
 
 
-def _calibrated(project: "Project", problem: Problem) -> ParameterSet | None:
+def calibrated_values(project: "Project", problem: Problem) -> ParameterSet | None:
     """Return the values of the last run, if it was of a function with the same parameters."""
     path = project.path.parent / FOLDER / "parameters.json"
     if not path.is_file():
@@ -87,9 +89,18 @@ def _calibrated(project: "Project", problem: Problem) -> ParameterSet | None:
         pairs = [(problem.parameters[name], values[name]) for name in names]
         if any(own.values.shape != other.values.shape for own, other in pairs):
             return None
-        # breakpoints and limits are those of the project
-        return problem.parameters.with_parameters(*(own.with_values(other.values.ravel()) for own, other in pairs))
+        # limits are those of the project, and so are breakpoints that are not fitted
+        own = problem.parameters.with_parameters(*(own.with_values(other.values.ravel()) for own, other in pairs))
+        return with_breakpoints(own, dict(_moved(problem.parameters, values)))
     return None
+
+
+def _moved(parameters: ParameterSet, values: ParameterSet) -> Iterator[tuple[AxisKey, Float]]:
+    """Yield the fitted breakpoints of free axes."""
+    for key, axis in free_axes(parameters).items():
+        name, direction = axis.places[0]
+        if name in values:
+            yield key, values[name].axes[direction].breakpoints
 
 
 def _with_more_channels(project: "Project", patterns: Sequence[str]) -> tuple[Problem, list[str]]:

@@ -44,6 +44,7 @@ MAX_LEVERAGE_VALUES = 2000  # the cost of the leverage grows with the third powe
 
 FOLDER = "results"  # beside the project file
 RESULT = "result.json"
+PROPOSALS = "proposals.json"  # of `kennfeld propose`
 CHANGES = f"changed{LABEL_LIST}"
 VALIDATION = "cross_validation"  # its key of a cross-validation
 REMEDY, FILE_REMEDY = "Name another folder with -o.", "Name another file with -o."

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import repeat
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,10 @@ from kennfeld.optimize.fit.result import TraceLine
 from kennfeld.report.drawings import Drawing, Histogram
 from kennfeld.report.report_data import ParameterChange, ReportData
 from kennfeld.report.strip_details import coded_details
+
+if TYPE_CHECKING:
+    from kennfeld.analysis.missing.picture import TermPicture
+    from kennfeld.analysis.missing.proposal import TermProposal
 
 MOST_PIECES = 500  # beginnings of recordings that a strip marks
 
@@ -164,6 +168,37 @@ def parameter(change: ParameterChange, inputs: Sequence[str]) -> Figure:
         "locked": after.locked.ravel().astype(int).tolist(),
         "deviation": None if deviation is None else round_digits(deviation),
         **{name: None if a is None else np.asarray(a).ravel().astype(int).tolist() for name, a in counts.items()},
+    }
+
+
+def term(proposal: "TermProposal", picture: "TermPicture") -> Figure | None:
+    """Return a fitted term over its channel or channels, and the errors without and with it; None for a delay."""
+    own, parameter = proposal.term, proposal.parameter
+    if parameter is None:
+        return None
+    offset = own.kind == "offset"
+    return {
+        "kind": "term",
+        "form": own.kind,
+        "node": own.node,
+        "parameter": parameter.name,
+        "input": "recording" if offset else own.channel,
+        "inputUnit": picture.input_unit,
+        "second": own.second,
+        "secondUnit": picture.second_unit,
+        # recordings count from 1, as the parameter will; the last one stands for others
+        "points": [number + 1 for number in own.breakpoints[:-1]] if offset else list(own.breakpoints),
+        "secondPoints": list(own.second_breakpoints),
+        "now": round_digits(parameter.values.ravel()[: -1 if offset else None], 6),
+        # JSON has no infinity, which means a value that is not determined
+        "deviation": round_digits(picture.deviation[: -1 if offset else None]),
+        "valueUnit": picture.value_unit,
+        "neutral": 1.0 if own.kind == "multiply" else 0.0,
+        "fitted": True,
+        "criterion": picture.criterion,
+        "unit": picture.unit,
+        "counts": picture.counts.tolist(),
+        **{name: round_digits(getattr(picture, name)) for name in ("edges", "before", "after", "x", "error")},
     }
 
 

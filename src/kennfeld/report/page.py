@@ -3,6 +3,7 @@
 import json
 import traceback
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import datetime
 from functools import cache
 from itertools import groupby
@@ -12,14 +13,15 @@ from typing import Any
 from kennfeld import __version__
 from kennfeld.analysis.extrapolation import Extrapolation
 from kennfeld.analysis.missing.hints import Hints
-from kennfeld.base.errors import Finding
+from kennfeld.base.errors import Finding, InputError
 from kennfeld.base.markup import Html, element
 from kennfeld.optimize.fit.result import Result
 from kennfeld.project import Project
 from kennfeld.project.manifest import KEY, check_other_files
+from kennfeld.project.results import PROPOSALS
 from kennfeld.project.run_schema import ReportEntry
 from kennfeld.report.figures import Pictures, signals
-from kennfeld.report.report_data import ReportData, collect_report_data
+from kennfeld.report.report_data import ReportData, ReportedProposals, collect_report_data
 from kennfeld.report.sections import sections
 from kennfeld.report.stored_result import READ, read_result, read_trust, read_validation
 
@@ -117,6 +119,7 @@ def document(
     findings: Sequence[Finding] = (),
     extrapolation: Sequence[Extrapolation] | None = None,
     missing: Hints | None = None,
+    proposals: ReportedProposals | None = None,
 ) -> str:
     """Return the report on a result, or on the start values if there is none, as the text of one HTML file.
 
@@ -126,11 +129,16 @@ def document(
         findings: the findings of `project.check()`, which the report lists.
         extrapolation: use of surrogates outside their training data; computed by default.
         missing: what the function lacks, if that is known.
+        proposals: terms that a search has proposed for the result.
 
     Raises:
         InputError: the project does not define a problem that can be evaluated.
     """
-    return page(collect_report_data(project, result, findings, extrapolation=extrapolation, missing=missing))
+    return page(
+        collect_report_data(
+            project, result, findings, extrapolation=extrapolation, missing=missing, proposals=proposals
+        )
+    )
 
 
 def from_folder(project: Project, folder: str | Path, heading: ReportEntry | None = None) -> str:
@@ -153,7 +161,29 @@ def from_folder(project: Project, folder: str | Path, heading: ReportEntry | Non
     findings += check_other_files(Path(folder), written, READ)
     contents = {key: value for key, value in written.items() if key != KEY}
     trust, validation = read_trust(Path(folder), result.parameters), read_validation(Path(folder), written)
-    return page(collect_report_data(project, result, findings, trust, contents, validation=validation, heading=heading))
+    proposals = _proposals(project, Path(folder), result, findings)
+    return page(
+        collect_report_data(
+            project, result, findings, trust, contents, validation=validation, heading=heading, proposals=proposals
+        )
+    )
+
+
+def _proposals(project: Project, folder: Path, result: Result, findings: list[Finding]) -> ReportedProposals | None:
+    """Return the proposals in a folder; a damaged list is a warning, as the report on the result is correct without."""
+    if not (folder / PROPOSALS).is_file():
+        return None
+    from kennfeld.project.proposal_file import ProposalSubject, read_proposals  # most reports do without the search
+
+    try:
+        stored = read_proposals(folder)
+    except InputError as error:
+        findings += [replace(finding, severity="warning") for finding in error.findings]
+        return None
+    if stored is None:
+        return None
+    change = stored.subject.change(ProposalSubject.of(project, result.parameters))
+    return ReportedProposals(stored.drawn, stored.scope, stored.made, change)
 
 
 def document_safely(

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,6 +27,10 @@ from kennfeld.project import Project
 from kennfeld.project.run_schema import ReportEntry
 from kennfeld.report.drawings import Drawing, draw
 from kennfeld.report.stored_result import TrustSummary, summarise_trust
+
+if TYPE_CHECKING:
+    from kennfeld.analysis.missing.picture import DrawnProposals
+    from kennfeld.analysis.missing.proposing import SearchScope
 
 
 @dataclass(frozen=True)
@@ -91,6 +95,23 @@ def _rms(values: Float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
+class ReportedProposals:
+    """Terms that a search has proposed.
+
+    Attributes:
+        drawn: the proposals with their pictures.
+        scope: what took part.
+        made: time of the search; "" for now.
+        change: what has changed since, as the subject of a sentence, so that they are not about the result any more.
+    """
+
+    drawn: "DrawnProposals"
+    scope: "SearchScope"
+    made: str = ""
+    change: str = ""
+
+
+@dataclass(frozen=True, eq=False)
 class ReportData:
     """A project and its result, or its start values if there is no result."""
 
@@ -110,6 +131,7 @@ class ReportData:
     validation: CrossValidation | None
     heading: ReportEntry
     missing: Hints | None = None
+    proposals: ReportedProposals | None = None
 
     @property
     def parameters(self) -> ParameterSet:
@@ -188,6 +210,7 @@ def collect_report_data(
     validation: CrossValidation | None = None,
     heading: ReportEntry | None = None,
     missing: Hints | None = None,
+    proposals: ReportedProposals | None = None,
 ) -> ReportData:
     """Compute the data of a report.
 
@@ -201,6 +224,7 @@ def collect_report_data(
         validation: a cross-validation, if there was one.
         heading: title, author and comment; by default those of the project file.
         missing: what the function lacks; by default as `written` states it.
+        proposals: the last list of proposed terms, if there is one.
 
     Raises:
         InputError: the project does not define a problem that can be evaluated.
@@ -235,6 +259,7 @@ def collect_report_data(
         validation=validation,
         heading=heading or project.file.report,
         missing=missing or Hints.from_json((written or {}).get("missing")),
+        proposals=proposals,
     )
 
 

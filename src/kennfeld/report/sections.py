@@ -43,8 +43,8 @@ def sections(report: ReportData, pictures: Pictures) -> Iterator[Section]:
     if report.result is not None:
         yield "undetermined", "Parameters not determined by the data", render_undetermined(report), ()
         yield "limits", "Active limits", render_limits(report), ()
-        if report.missing is not None and report.missing.lines():
-            yield "missing", "What is missing?", render_missing(report.missing, report.project.path.name), ()
+        if (missing := render_missing(report, pictures)) is not None:
+            yield "missing", "What is missing?", *missing
         yield "search", "Search", _render_search(report, report.result, pictures), ()
     findings = [element("li", str(finding), class_=finding.severity) for finding in report.findings]
     messages = element("ul", findings, class_="remarks") if findings else note("The project check found no problems.")

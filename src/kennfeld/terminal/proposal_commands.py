@@ -1,6 +1,7 @@
 """The command `propose`: which term is missing in the function of a project."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,10 +11,11 @@ from kennfeld.base.errors import ArgumentError, InputError, Location
 from kennfeld.base.formatting import count_noun, join_names
 from kennfeld.terminal.command_line import DONE, INTERRUPTED, as_json, only_problems, option, project_file, trusted
 from kennfeld.terminal.opened_project import opened_project
-from kennfeld.terminal.output import print_lines, print_progress, print_values
+from kennfeld.terminal.output import print_findings, print_lines, print_progress, print_values
 
 if TYPE_CHECKING:
     from kennfeld.analysis.missing.proposal import TermProposals
+    from kennfeld.analysis.missing.proposing import SearchScope
     from kennfeld.project import Project
 
 
@@ -41,25 +43,29 @@ def propose(
 ) -> int:
     """Find terms that the function lacks: which channel or lag, and at which node.
 
-    All channels of the recordings take part. Nothing is written without --apply.
+    All channels of the recordings take part. The function and the project file are not changed without --apply. The
+    list is kept in proposals.json of the results folder, for kennfeld report.
     """
+    from kennfeld.analysis.missing.proposing import SearchScope
     from kennfeld.analysis.missing.terms import FORMS
 
+    scope = SearchScope(channels or ("*",), nodes or ("*",), kinds or FORMS, least)  # type: ignore[arg-type]
     with opened_project(path, trust=trust) as project:
         if undo:
             return _undo(project)
         try:
             proposals = project.propose(
-                channels=channels or ("*",),
-                nodes=nodes or ("*",),
-                kinds=kinds or FORMS,  # type: ignore[arg-type]
-                least=least,
+                channels=scope.channels,
+                nodes=scope.nodes,
+                kinds=scope.kinds,
+                least=scope.least,
                 progress=print_progress,
             )
         except ArgumentError as error:
             raise InputError.of(Location("propose"), str(error)) from None
         except KeyboardInterrupt:
             return INTERRUPTED
+        kept = _kept(path, project, proposals, scope)
         if number is not None:
             _require_proposal(proposals, number)
         written = () if number is None else project.apply(proposals[number - 1])
@@ -72,9 +78,25 @@ def propose(
         print_lines("", f"Applied proposal {number}: {proposals[number - 1].change}.")
         print_lines(f"Written to {join_names([str(file) for file in written])}")
         print_lines(f"Next: kennfeld calibrate {path}", f"Undo: kennfeld propose {path} --undo")
-    elif proposals.proposals:
+        return DONE
+    if proposals.proposals:
         print_lines(f"Next: kennfeld propose {path} --apply 1")
+    if kept is not None:
+        print_lines(f"Kept in {kept}; pictures: kennfeld report {path}")
     return DONE
+
+
+def _kept(path: Path, project: "Project", proposals: "TermProposals", scope: "SearchScope") -> Path | None:
+    """Write the list for reports, and return its file; None if it is about no stored calibration, or on an error."""
+    from kennfeld.project.proposal_file import write_proposals
+    from kennfeld.project.results import results_folder
+
+    try:
+        written = write_proposals(project, proposals, scope)
+        return None if written is None else results_folder(path) / written.name
+    except InputError as error:
+        print_findings(*(replace(finding, severity="warning") for finding in error.findings))
+        return None
 
 
 def _require_proposal(proposals: "TermProposals", number: int) -> None:

@@ -125,7 +125,7 @@ def test_a_bus_at_a_block_that_takes_none_is_a_vector(tmp_path):
     assert any("G takes the bus at its input 1 as a vector" in str(remark) for remark in model.remarks)
 
 
-def test_a_bus_of_buses_is_no_vector(tmp_path):
+def test_a_bus_of_buses_cannot_be_a_vector(tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.block("BusCreator", "C", Inputs="2", ports=(2, 1))
     drawn.between(["a", "b"], "C")

@@ -1,5 +1,6 @@
 // The figures of a report as the Python side writes them (`report/figures.py`); null is a number that is not known.
 
+import type { Term } from "../drawing/term";
 import type { CodedNumbers } from "./coded-numbers";
 
 export type Values = (number | null)[];
@@ -124,6 +125,19 @@ export interface ParameterFigure {
   bySmoothness: number[] | null;
 }
 
+/** A proposed term, and the errors without and with it. */
+export interface TermFigure extends Term {
+  kind: "term";
+  form: "add" | "multiply" | "lag" | "offset";
+  node: string;
+  parameter: string;
+  edges: number[];
+  before: Values;
+  after: Values;
+  x: number[];
+  error: number[];
+}
+
 export type Figure =
   | StripFigure
   | ScatterFigure
@@ -131,7 +145,8 @@ export type Figure =
   | AutocorrelationFigure
   | ConvergenceFigure
   | CellsFigure
-  | ParameterFigure;
+  | ParameterFigure
+  | TermFigure;
 
 /** Return numbers with NaN for those that are not known. */
 export const numbers = (values: readonly (number | null)[]): number[] => values.map((value) => value ?? NaN);

@@ -9,6 +9,7 @@ import type { DatasetSignals, Figure } from "./figures";
 import { drawAutocorrelation, drawHistograms, drawScatter } from "./fit";
 import { drawParameter } from "./parameter";
 import { drawStrip } from "./strip";
+import { drawProposal } from "./term";
 import "./report.css";
 
 const AHEAD = 600; // pixels below the window that are drawn already
@@ -29,6 +30,8 @@ function drawFigure(host: HTMLElement, figure: Figure): void {
       return drawCellErrors(host, figure);
     case "parameter":
       return drawParameter(host, figure);
+    case "term":
+      return drawProposal(host, figure);
   }
 }
 

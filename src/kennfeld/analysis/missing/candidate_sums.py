@@ -4,6 +4,7 @@ They are added up by blocks of the recordings; memory does not grow with the sam
 """
 
 from collections.abc import Iterable, Sequence
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from kennfeld.base.arrays import Float
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.threads import blas_threads
 from kennfeld.native.carried_products import add_pulls, has_carried_sweeps
+from kennfeld.native.losses import LOSS_RULES
 from kennfeld.native.samples import Chunk
 from kennfeld.native.workspace import Workspace
 from kennfeld.optimize.sums.compiled import CompiledProblem
@@ -32,17 +34,41 @@ class BlockSums:
         jr: J'Wr, Float[blocks + 1, values].
         cost: r'Wr, Float[blocks + 1].
         counts: scored residuals, Float[blocks + 1].
+        weights: sum of W / scale^2; robust losses take some away from outliers.
+        slopes: sum of the slopes of the influence, over scale^2: what an effect that is added to all residuals has;
+            those of the square are the weights.
+        influence: sums of w psi^2, w psi / r and w over all samples, with the weights w of the samples.
     """
 
     jr: Float
     cost: Float
     counts: Float
+    weights: float = 0.0
+    slopes: float = 0.0
+    influence: Float = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def spread(self) -> float:
+        """The sum of the squares of independent residuals as they act on a gain: r'Wr for squares.
+
+        Of a robust loss, outliers add what their influence psi is, not what they cost.
+        """
+        squares, ratios, weights = self.influence
+        return float(squares * weights / ratios) if ratios > 0 else 0.0
+
+    @property
+    def mean_effect(self) -> float:
+        """The root mean square of an effect at the outputs that lowers the cost by 1."""
+        return float(np.sqrt(self.weights)) / self.slopes if self.slopes > 0 else float("inf")
 
     def merge(self, later: "BlockSums") -> None:
         """Add the sums over other samples."""
         self.jr += later.jr
         self.cost += later.cost
         self.counts += later.counts
+        self.weights += later.weights
+        self.slopes += later.slopes
+        self.influence = self.influence + later.influence
 
 
 def family_sums(
@@ -105,7 +131,7 @@ def _empty(compiled: CompiledProblem, family: Family, blocks: int) -> FamilySums
 def block_sums(compiled: CompiledProblem, full: Float, divisions: Divisions, blocks: int) -> BlockSums:
     """Return the sums of the function itself; see `family_sums`."""
     numbers = block_numbers(compiled, divisions, blocks)
-    free = compiled.values.free
+    free, scales = compiled.values.free, np.array([output.scale for output in compiled.kernel.outputs])
     parts: dict[int, BlockSums] = {}
 
     def visit(share: int, space: Workspace, chunk: Chunk, begins: bool) -> None:
@@ -116,6 +142,11 @@ def block_sums(compiled: CompiledProblem, full: Float, divisions: Divisions, blo
         weight = space.weight[: chunk.length]
         residual = np.where(weight != 0, space.residual[: chunk.length], 0.0)
         part.cost += np.bincount(own, (weight * residual**2).sum(axis=1), minlength=blocks + 1)
+        ratios, slopes = _influences(compiled, residual)
+        plain = np.where(ratios > 0, weight / np.where(ratios > 0, ratios, 1.0), 0.0)
+        part.weights += float((weight / scales**2).sum())
+        part.slopes += float((plain * slopes / scales**2).sum())
+        part.influence += np.array([(weight * ratios * residual**2).sum(), weight.sum(), plain.sum()])
         part.counts += np.bincount(own, (weight != 0).sum(axis=1), minlength=blocks + 1)
         if space.kernel.pattern.carried:
             if begins:
@@ -132,6 +163,15 @@ def block_sums(compiled: CompiledProblem, full: Float, divisions: Divisions, blo
     for share in sorted(parts):
         total.merge(parts[share])
     return total
+
+
+def _influences(compiled: CompiledProblem, residual: Float) -> tuple[Float, Float]:
+    """Return psi / r and psi' of scaled residuals, Float[samples, outputs] each; both are 1 for the square."""
+    ratios, slopes = np.ones(residual.shape), np.ones(residual.shape)
+    for at, output in enumerate(compiled.kernel.outputs):
+        if output.loss != "square":
+            ratios[:, at], slopes[:, at] = LOSS_RULES[output.loss].influence(residual[:, at], output.delta)
+    return ratios, slopes
 
 
 def _add_carried(space: Workspace, chunk: Chunk, blocks: NDArray[np.int32], jr: Float) -> None:

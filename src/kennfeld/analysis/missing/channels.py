@@ -17,6 +17,7 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.base.threads import map_in_order
 from kennfeld.domain.breakpoint_rounding import rounded, separated
 from kennfeld.domain.dataset import Dataset
+from kennfeld.graph import CLOCK
 from kennfeld.optimize.problem.problem import Problem
 from kennfeld.preprocessing.quantiles import DigitCounts, Digits, count_digits, quantiles
 from kennfeld.preprocessing.recordings import RECORDING as NUMBER
@@ -92,6 +93,8 @@ def _reason(problem: Problem, datasets: Sequence[Dataset], name: str) -> str:
         return "it is the target"
     if name == NUMBER:
         return "it numbers the recordings"
+    if name in CLOCK:
+        return "formulas use its name for the time"
     graph = problem.model.graph
     if name in graph.names or name in graph.parameters:
         return "a node or a parameter of the function has its name"

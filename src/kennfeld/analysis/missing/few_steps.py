@@ -8,7 +8,8 @@ beside it look better than they are.
 from collections.abc import Sequence
 from dataclasses import replace
 
-from kennfeld.analysis.missing.refit import Addition, mean_squares
+from kennfeld.analysis.missing.mean_errors import mean_squares
+from kennfeld.analysis.missing.refit import Addition
 from kennfeld.analysis.missing.score import TermScore
 from kennfeld.analysis.missing.shortlist import EQUAL, CandidateGroup
 from kennfeld.optimize.problem.options import Options
@@ -43,8 +44,9 @@ def after_few_steps(
 
     def stepped(score: TermScore) -> TermScore:
         addition = Addition.of(problem, score)
-        result = run(addition.to(problem, problem.parameters), options)
-        return replace(score, predicted=mean_squares(result.quality, "training")[0] * weights)
+        extended = addition.to(problem, problem.parameters)
+        result = run(extended, options)
+        return replace(score, predicted=mean_squares(extended, result, "training")[0] * weights)
 
     best = stepped(group.best)
     ratio = (max(group.best.predicted, 0.0) / best.predicted) ** 0.5 if best.predicted > 0 else 1.0

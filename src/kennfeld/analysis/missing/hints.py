@@ -42,15 +42,19 @@ class Hints:
 
     def lines(self) -> list[str]:
         """Return at most two sentences."""
-        lines = []
-        if self.share_left > UNFINISHED:
-            lines.append(f"{self.share_left:.1%} of the cost is still to be had from the values themselves.")
+        lines = self.left_lines()
         if self.best and self.share >= LEAST:
             lines.append(f"{self.best}: would take {self.share:.0%} off the cost; see kennfeld propose.")
         elif self.scored:
             text = "No lag, and no curve of a channel that the function reads, would take 1% off the cost"
             lines.append(f"{text}; kennfeld propose also tries maps, other channels, delays and offsets of recordings.")
         return lines
+
+    def left_lines(self) -> list[str]:
+        """Return a sentence on what the values themselves would take off the cost, if that is worth one."""
+        if self.share_left <= UNFINISHED:
+            return []
+        return [f"{self.share_left:.1%} of the cost is still to be had from the values themselves."]
 
     def as_json(self) -> dict[str, Any]:
         """Return the entry `missing` of `result.json`."""

@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from kennfeld.analysis.missing.few_steps import after_few_steps
+from kennfeld.analysis.missing.mean_errors import errors_by_criterion, mean_squares
 from kennfeld.analysis.missing.proposal import EqualPlace, HeldOutErrors, RmseChange, TermProposal
-from kennfeld.analysis.missing.refit import Addition, HeldOut, held_out_squares, hold_out, mean_squares, pooled
+from kennfeld.analysis.missing.refit import Addition, HeldOut, held_out_squares, hold_out, pooled
 from kennfeld.analysis.missing.score import TermScore
 from kennfeld.analysis.missing.shortlist import CandidateGroup
 from kennfeld.base.lazy_dataclass import dataclass
@@ -84,7 +85,7 @@ class Judge:
 
     def after_few_steps(self, group: CandidateGroup, others: Sequence[TermScore], weights: float) -> CandidateGroup:
         """Return a group as a few steps of a fit leave it; see `few_steps`."""
-        squares = mean_squares(self.result.quality, "training")[0]
+        squares = mean_squares(self.problem, self.result, "training")[0]
         return after_few_steps(self.problem, group, others, self.options, squares, weights)
 
     def held_out(self, name: str, parts: Sequence[HeldOut], addition: Addition) -> HeldOutChange:
@@ -124,18 +125,24 @@ class Judge:
         """
         problem, result = self.problem, self.result
         term = group.best.term
-        refit = run(addition.to(problem, problem.parameters), self.options)
+        extended = addition.to(problem, problem.parameters)
+        refit = run(extended, self.options)
+
+        def errors(use: Use) -> RmseChange:
+            fits = (problem, result), (extended, refit)
+            return RmseChange(*(float(np.sqrt(mean_squares(*fit, use)[0])) for fit in fits))
+
         parameter = None if addition.parameter is None else refit.parameters[addition.parameter.name]
         if parameter is not None and term.kind == "lag":
             term = replace(term, seconds=float(parameter.values))
-        test = _change(result, refit, "test")
+        test = errors("test")
         location = problem.model.locations.get(term.node)
         return TermProposal(
             term=term,
             equal_places=tuple(
                 EqualPlace(s.term.node, s.term.kind, s.term.channel, Addition.of(problem, s)) for s in group.equal
             ),
-            rmse=_change(result, refit, "training"),
+            rmse=errors("training"),
             held_out=change.rmse,
             held_name=change.name,
             test=None if np.isnan(test.before) else test,
@@ -149,6 +156,7 @@ class Judge:
             addition=addition,
             offsets=self._offsets(parameter) if term.kind == "offset" else {},
             held_out_parts=change.errors,
+            criteria=_by_criterion(problem, result, refit),
             fit=refit,
         )
 
@@ -162,5 +170,8 @@ def error_of(proposal: TermProposal) -> tuple[bool, float]:
     return proposal.term.kind == "offset", float(f"{proposal.held_out.after:.6g}")
 
 
-def _change(before: Result, after: Result, use: Use) -> RmseChange:
-    return RmseChange(*(float(np.sqrt(mean_squares(each.quality, use)[0])) for each in (before, after)))
+def _by_criterion(problem: Problem, before: Result, after: Result) -> tuple[tuple[str, RmseChange], ...]:
+    """Return the errors of each criterion on the training data, if there are several."""
+    nodes = [criterion.node for criterion in problem.criteria]
+    errors = zip(*(errors_by_criterion(problem, each, "training") for each in (before, after)), strict=True)
+    return tuple(zip(nodes, (RmseChange(*own) for own in errors), strict=True)) if len(nodes) > 1 else ()

@@ -33,8 +33,8 @@ class MapSearch(SearchRound):
         extended: Problem,
         scored: Scored,
         rejected: list[str],
-    ) -> list[TermProposal]:
-        """Return maps that explain more on held-out data than the proposals of the first round.
+    ) -> tuple[list[TermProposal], int]:
+        """Return maps that explain more on held-out data than the first round, and how many were tried.
 
         They are scored beside these, with more breakpoints: a map must explain more than a curve.
 
@@ -74,7 +74,7 @@ class MapSearch(SearchRound):
                 rejected.append(f"{describe(own.best.term)}: {reason}")
                 continue
             better.append(judge.proposal(own, addition, change, maps.candidates, scored.weights))
-        return better
+        return better, maps.candidates
 
     def _with_finer_curves(self, curves: Sequence[TermProposal], extended: Problem) -> tuple[Problem, bool]:
         """Return the function with curves of twice the breakpoints, fitted, and if that fit has converged.

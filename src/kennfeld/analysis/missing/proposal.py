@@ -15,6 +15,8 @@ from kennfeld.domain.parameters import Parameter
 from kennfeld.optimize.fit.result import Result
 from kennfeld.optimize.problem.problem import Problem
 
+LEAST_CHANGE = 1e-3  # of an RMSE, that is told
+
 
 @dataclass(frozen=True)
 class EqualPlace:
@@ -89,6 +91,7 @@ class TermProposal:
         offsets: of each recording by its name, for an offset.
         held_out_parts: the errors on each held-out part.
         fit: the fit with the term to all training data.
+        criteria: the RMSE of each criterion on the training data, by its node, if there are several.
 
     >>> from kennfeld import Project
     >>> proposals = Project.read("kennfeld.toml").propose(kinds=["lag"])
@@ -114,6 +117,7 @@ class TermProposal:
     offsets: dict[str, float] = field(default_factory=dict)
     held_out_parts: tuple[HeldOutErrors, ...] = field(default=(), repr=False)
     fit: Result | None = field(default=None, repr=False)
+    criteria: tuple[tuple[str, RmseChange], ...] = ()
 
     def at_place(self, number: int) -> "TermProposal":
         """Return the proposal at one of the equal places, from 0, where it is not fitted; its errors are the same."""
@@ -140,9 +144,9 @@ class TermProposal:
 
     @property
     def remark(self) -> str:
-        """The largest offsets, and the other places that explain as much, in words; "" if there are none."""
+        """The largest offsets, the errors of several criteria and the equal places, in words; "" if there are none."""
         nodes = list(dict.fromkeys(place.node for place in self.equal_places if place.node != self.term.node))
-        return " ".join(text for text in (self._largest, self._places(nodes)) if text)
+        return " ".join(text for text in (self._largest, self._changes, self._places(nodes)) if text)
 
     @property
     def _largest(self) -> str:
@@ -152,6 +156,17 @@ class TermProposal:
         far = sorted(self.offsets.items(), key=lambda item: -abs(item[1]))[:3]
         texts = [f"{name} {value:+.3g}{unit}" for name, value in far]
         return f"Largest: {', '.join(texts)}."
+
+    @property
+    def _changes(self) -> str:
+        """The errors of the criteria that the term changes, in words."""
+        changed = [
+            (node, own) for node, own in self.criteria if abs(own.after - own.before) > LEAST_CHANGE * own.before
+        ]
+        if not changed:
+            return ""
+        others = "; of the others as before" if len(changed) < len(self.criteria) else ""
+        return f"RMSE of {', of '.join(f'{node} {own}' for node, own in changed)}{others}."
 
     def _places(self, nodes: Sequence[str]) -> str:
         if not nodes:
@@ -179,6 +194,7 @@ class TermProposal:
             "location": self.location,
             "seconds": _rounded(self.term.seconds) if self.term.kind == "lag" else None,
             "steps": self.term.steps or None,
+            "criteria": [{"node": node, "rmse": own.as_json()} for node, own in self.criteria],
             "offsets": {name: _rounded(value) for name, value in self.offsets.items()},
             "breakpoints": [] if self.offsets else list(self.term.breakpoints),
             "second_channel": self.term.second,
@@ -228,6 +244,10 @@ class TermProposals:
     seconds: tuple[float, float] = (0.0, 0.0)
     unit: str = ""
     problem: Problem | None = field(default=None, repr=False)
+
+    def without_fits(self) -> "TermProposals":
+        """Return the same without the problem and the fits, which hold the data."""
+        return replace(self, proposals=tuple(replace(each, fit=None) for each in self.proposals), problem=None)
 
     def __len__(self) -> int:
         return len(self.proposals)

@@ -5,18 +5,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from kennfeld.analysis.missing.channels import Channels
 from kennfeld.analysis.missing.independence import Beside
 from kennfeld.analysis.missing.judging import Judge, error_of
 from kennfeld.analysis.missing.map_scoring import map_kinds
 from kennfeld.analysis.missing.map_search import MapSearch
+from kennfeld.analysis.missing.mean_errors import has_squares, mean_squares, unequal_criteria
 from kennfeld.analysis.missing.probes import Nodes
 from kennfeld.analysis.missing.proposal import TermProposal, TermProposals
-from kennfeld.analysis.missing.recordings import numbered
-from kennfeld.analysis.missing.refit import Addition, mean_squares, refit_options
-from kennfeld.analysis.missing.scoring import Scored, score_problem
+from kennfeld.analysis.missing.recordings import FEWEST as FEWEST_RECORDINGS
+from kennfeld.analysis.missing.recordings import MOST, can_be_numbered, numbered
+from kennfeld.analysis.missing.refit import Addition, refit_options
+from kennfeld.analysis.missing.scoring import Scored, is_timed, score_problem
 from kennfeld.analysis.missing.settled import settled_problem
 from kennfeld.analysis.missing.shortlist import CandidateGroup, alike, shortlist
 from kennfeld.analysis.missing.terms import FORMS, Form, describe
@@ -33,7 +33,9 @@ from kennfeld.optimize.search.isolated_call import isolated
 from kennfeld.optimize.search.multistart import run
 
 UNFINISHED = 1e-3  # share of the cost that the values themselves would take off, from which a fit has not ended
+DERIVED = 0.1  # share of the RMSE that remains, below which a channel may be derived from the target
 FEWEST = 20  # samples more than there are values
+UNTRIED = "No such term could be tried, or the function can produce all of them itself: nothing is known."
 
 Report = Callable[[str], None]
 
@@ -171,11 +173,16 @@ class _TermSearch:
             self._remarks.append(text)
         if not result.converged:
             self._remarks.append(f"That fit ended early ({result.status}): {result.message}")
-        return settled_problem(problem, result), result
+        settled = settled_problem(problem, result)
+        if remark := unequal_criteria(settled, result):
+            self._remarks.append(remark)
+        if not has_squares(settled):
+            self._remarks.append("Errors are roots of the mean loss, as in the cost: outliers count for less.")
+        return settled, result
 
     def proposals(self) -> TermProposals:
         problem, result = self._judge.problem, self._judge.result
-        samples = mean_squares(result.quality, "training")[1]
+        samples = mean_squares(problem, result, "training")[1]
         if samples < problem.free_size + FEWEST:
             message = f"{samples} samples are too few for {problem.free_size} values: no term can be judged."
             return TermProposals(
@@ -197,7 +204,7 @@ class _TermSearch:
             self._remarks.append(f"{scored.own_share:.1%} of the cost is still to be had from the values themselves.")
         groups = shortlist(scored.scores)
         seconds = time.perf_counter() - self._began
-        smallest = float(np.sqrt(scored.smallest / scored.weights))
+        smallest = scored.smallest
 
         def known(kept: Sequence[TermProposal], rejected: Sequence[str], status: str, message: str) -> TermProposals:
             return TermProposals(
@@ -224,16 +231,24 @@ class _TermSearch:
         tell([], [])
         kept, rejected = self._judged(groups, scored, tell) if groups else ([], [])
         kept.sort(key=error_of)
-        kinds = map_kinds(self._scope.kinds)
+        kinds, tried = map_kinds(self._scope.kinds), 0
         beside = Beside(self._judge, channels, nodes, self._report)
         kept, extended = beside.independent(kept, rejected, len(scored.scores), follows=bool(kinds))
         if kinds:
             search = MapSearch(self._judge, channels, nodes, self._report)
-            maps = search.proposals(kinds, kept, extended, scored, rejected)
+            maps, tried = search.proposals(kinds, kept, extended, scored, rejected)
             if maps:
                 kept, _ = beside.independent(sorted([*kept, *maps], key=error_of), rejected, len(scored.scores))
-        self._remarks += _gap_remarks(kept, channels)
-        return known(kept, rejected, "found" if kept else "none", self._message(kept, smallest))
+        self._remarks += [*_gap_remarks(kept, channels), *_doubts(problem, kept)]
+        if not len(scored.scores) + tried:
+            self._remarks += impossible_kinds(problem, self._scope.kinds)
+            return replace(known([], [], "failed", UNTRIED), smallest_effect=0.0)
+        if set(self._scope.kinds) != set(FORMS):
+            self._remarks += impossible_kinds(problem, self._scope.kinds)
+        status = "found" if kept else "none"
+        return replace(
+            known(kept, rejected, status, self._message(kept, smallest)), candidates=len(scored.scores) + tried
+        )
 
     def _message(self, kept: Sequence[TermProposal], smallest: float) -> str:
         unit = f" {self._unit}" if self._unit else ""
@@ -264,6 +279,35 @@ class _TermSearch:
                 kept.append(judge.proposal(group, addition, change, len(scored.scores), scored.weights))
             tell(kept, rejected)
         return kept, rejected
+
+
+def _doubts(problem: Problem, proposals: Sequence[TermProposal]) -> list[str]:
+    """Return a sentence on each new channel that explains too much: a curve may undo how it was computed.
+
+    The correlation, by which channels are excluded, tells only those that are a straight line of the target.
+    """
+    known = {*problem.model.graph.inputs}
+    names = {
+        name: 1 - (each.held_out.after / each.held_out.before) ** 2
+        for each in proposals
+        for name in each.term.channels
+        if name not in known and each.held_out.after < DERIVED * each.held_out.before
+    }
+    return [
+        f"{name} explains {share:.2%} of the squared errors: make sure that it is not derived from the target."
+        for name, share in names.items()
+    ]
+
+
+def impossible_kinds(problem: Problem, kinds: Sequence[Form]) -> list[str]:
+    """Return a sentence on each of these kinds of terms that the data do not allow."""
+    remarks = []
+    if not is_timed(problem) and (series := [kind for kind in ("lag", "delay") if kind in kinds]):
+        remarks.append(f"No {' or '.join(series)} was tried: the training data have no time.")
+    if "offset" in kinds and not can_be_numbered(problem):
+        needed = f"{FEWEST_RECORDINGS} to {MOST} training recordings that are not in partitions"
+        remarks.append(f"No offset was tried: that needs {needed}.")
+    return remarks
 
 
 def _gap_remarks(proposals: Sequence[TermProposal], channels: Channels) -> list[str]:

@@ -13,6 +13,7 @@ from kennfeld.analysis.cross_validation import (
     name_partitions,
     suitable_kind,
 )
+from kennfeld.analysis.missing.mean_errors import mean_squares
 from kennfeld.analysis.missing.score import TermScore
 from kennfeld.analysis.missing.terms import MissingTerm, extended_model
 from kennfeld.base.errors import InputError, Location
@@ -20,11 +21,9 @@ from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.constraints import Equality, Pin, Term
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
-from kennfeld.optimize.fit.result import Result
 from kennfeld.optimize.problem.options import Options
 from kennfeld.optimize.problem.partitions import Partition
 from kennfeld.optimize.problem.problem import Problem
-from kennfeld.optimize.quality.quality import Quality
 from kennfeld.optimize.search.multistart import run
 
 FOLDS = 3
@@ -72,9 +71,8 @@ class Addition:
             return cls(term, parameter)
         if term.kind == "offset":
             *numbers, others = term.breakpoints
-            mean = Equality(tuple(Term(label, (number,)) for number in numbers), 0.0)
             free = score.columns == len(numbers)
-            return cls(term, parameter, 0.0, Pin(label, (others,), 0.0), () if free else (mean,))
+            return cls(term, parameter, 0.0, Pin(label, (others,), 0.0), () if free else (no_mean(label, term),))
         smoothness = float(f"{SMOOTHNESS * score.curvature:.0e}")
         if term.second:
             locked = np.zeros(parameter.size, dtype=bool)
@@ -112,6 +110,11 @@ class Addition:
         """
         read = self.to(problem, problem.parameters)
         return replace(problem, model=read.model, parameters=read.parameters, free=problem.free_names)
+
+
+def no_mean(label: str, term: MissingTerm) -> Equality:
+    """Return the constraint that the offsets of the fitted recordings, a parameter of this name, have no mean."""
+    return Equality(tuple(Term(label, (number,)) for number in term.breakpoints[:-1]), 0.0)
 
 
 @dataclass(frozen=True)
@@ -156,8 +159,9 @@ def hold_out(
     parts = []
     for fold in folds:
         part = fold_problem(problem, fold)
-        result = run(part if known is None else known.without_effect(part), options)
-        parts.append(HeldOut(part, _only(result.parameters, part), *_held(result), fold.name))
+        fitted = part if known is None else known.without_effect(part)
+        result = run(fitted, options)
+        parts.append(HeldOut(part, _only(result.parameters, part), *mean_squares(fitted, result, "test"), fold.name))
     return name, [part for part in parts if part.samples]
 
 
@@ -194,25 +198,13 @@ def held_out_squares(parts: Sequence[HeldOut], addition: Addition, options: Opti
     squares: list[float] = []
     total, sound = sum(part.squares * part.samples for part in parts), 0.0
     for part in parts:
-        squares.append(_held(run(addition.to(part.problem, part.parameters), options))[0])
+        extended = addition.to(part.problem, part.parameters)
+        squares.append(mean_squares(extended, run(extended, options), "test")[0])
         sound += squares[-1] * part.samples
         # not a comparison the other way round, which would pass a NaN
         if not sound < total:
             break
     return squares
-
-
-def _held(result: Result) -> tuple[float, int]:
-    return mean_squares(result.quality, "test")
-
-
-def mean_squares(quality: Sequence[Quality], use: str) -> tuple[float, int]:
-    """Return the mean squared error over all criteria, and the number of errors."""
-    rows = [row for row in quality if row.use == use and row.samples]
-    samples = sum(row.samples for row in rows)
-    if not samples:
-        return float("nan"), 0
-    return sum(row.samples * row.rmse_after**2 for row in rows) / samples, samples
 
 
 def pooled(squares: Sequence[float], parts: Sequence[HeldOut]) -> float:

@@ -127,7 +127,7 @@ class Linearisation:
     @cached_property
     def variance(self) -> float:
         """The variance of independent residuals."""
-        return max(self.cost - self.own_gain, 0.0) / max(self.count - self.rank, 1.0)
+        return max(self.sums.spread - self.own_gain, 0.0) / max(self.count - self.rank, 1.0)
 
     def scores(self, family: Family, sums: FamilySums) -> Iterator[TermScore]:
         """Yield the scores of the candidates of a family; none for those that the function can produce itself."""

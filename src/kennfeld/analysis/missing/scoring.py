@@ -51,8 +51,8 @@ class Scored:
         scores: of the candidates.
         own_share: share of the cost that the values themselves would take off.
         cost: of the data and of the roughness.
-        weights: sum of the weights; the cost of the data divided by it is a mean square.
-        smallest: cost of the least effect of a curve that is significant.
+        weights: sum of the weights of the linearised problem; the cost of the data divided by it is a mean square.
+        smallest: RMSE of the least effect of a curve that is significant.
         problem: with the values at which it is linearised.
     """
 
@@ -96,9 +96,10 @@ def score_problem(
     dispersions = [score.dispersion for score in scores] or [linear.variance]
     freedom = linear.blocks - 1.0 if linear.blocks else max(linear.count - linear.rank, 1.0)
     typical = float(np.median(dispersions))
-    smallest = smallest_gain(typical, 5, freedom, LEVEL / max(len(scores), 1)) if typical > 0 else 0.0
+    least = smallest_gain(typical, 5, freedom, LEVEL / max(len(scores), 1)) if typical > 0 else 0.0
+    smallest = float(np.sqrt(least)) * linear.sums.mean_effect if least > 0 else 0.0
     share = linear.own_gain / linear.cost if linear.cost > 0 else 0.0
-    return Scored(tuple(scores), share, linear.cost, compiled.weights, smallest)
+    return Scored(tuple(scores), share, linear.cost, linear.sums.weights or 1.0, smallest)
 
 
 @dataclass(frozen=True)
@@ -199,10 +200,15 @@ def _between(first: int, last: int) -> list[int]:
     return sorted({round(x) for x in np.linspace(first, last, count + 2)[1:-1].tolist()} - {first, last})
 
 
+def is_timed(problem: Problem) -> bool:
+    """Return True if all training data have time, so that lags and delays can be tried."""
+    return all(data.time is not None and data.settling is None for data in problem.fitted_datasets)
+
+
 def trial_series(problem: Problem, nodes: Sequence[str], kinds: Sequence[Form], lags: int = LAGS) -> list[Series]:
     """Return the lags and delays that are tried, if all training data have time."""
     datasets = problem.fitted_datasets
-    if any(data.time is None or data.settling is not None for data in datasets):
+    if not is_timed(problem):
         return []
     steps = [float(np.median(np.diff(data.time))) for data in datasets if data.time is not None and data.samples > 1]
     pieces = [piece.stop - piece.start for data in datasets for piece in data.pieces]

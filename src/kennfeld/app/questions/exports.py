@@ -15,6 +15,7 @@ from kennfeld.app.questions.existing_files import ExistingFile
 from kennfeld.app.session.calibration_source import initial_image, is_image
 from kennfeld.app.session.runs import Run
 from kennfeld.app.session.session import Session
+from kennfeld.app.session.term_search import current_findings
 from kennfeld.base.errors import ArgumentError, Finding, Findings, InputError, Location
 from kennfeld.base.file_errors import convert_errors
 from kennfeld.base.lazy_dataclass import dataclass
@@ -26,6 +27,7 @@ from kennfeld.optimize.fit.result import Result
 from kennfeld.optimize.quality.quality import Scorer
 from kennfeld.optimize.search.problem_digest import problem_digest
 from kennfeld.project import Project
+from kennfeld.project.proposal_file import store_proposals
 from kennfeld.project.results import FOLDER, RESULT, results_folder, write_text
 
 SHOWN = (".html", ".csv", ".json", ".mf4", ".mat", ".parquet", ".lab")  # results that are opened, beside values
@@ -205,8 +207,10 @@ def _export(
         if session.validation is not None:
             text = json.dumps(session.validation.as_json(), indent=2, ensure_ascii=False, allow_nan=False)
             written.append(write_text(f"{text}\n", folder / "cross_validation.json"))
+        if (terms := current_findings(session)) is not None:
+            written.append(store_proposals(project, terms.drawn, terms.scope, result.parameters, folder))
     if asked.report:
-        written.append(_write_report(project, result, session.findings, folder))
+        written.append(_write_report(session, project, result, folder))
     if asked.stored:
         written.append(_write_stored_report(project, folder))
     if script is not None:
@@ -270,7 +274,10 @@ def _write_stored_report(project: Project, folder: Path) -> Path:
     return write_text(from_folder(project, folder), folder / "report.html")
 
 
-def _write_report(project: Project, result: Result | None, findings: Sequence[Finding], folder: Path) -> Path:
+def _write_report(session: Session, project: Project, result: Result | None, folder: Path) -> Path:
     from kennfeld.report import document
+    from kennfeld.report.report_data import ReportedProposals
 
-    return write_text(document(project, result, findings), folder / "report.html")
+    terms = current_findings(session)
+    proposals = None if terms is None else ReportedProposals(terms.drawn, terms.scope)
+    return write_text(document(project, result, session.findings, proposals=proposals), folder / "report.html")

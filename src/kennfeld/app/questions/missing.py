@@ -6,15 +6,25 @@ from glob import escape
 
 import numpy as np
 
+from kennfeld.analysis.missing.picture import value_unit
 from kennfeld.analysis.missing.probes import Nodes
 from kennfeld.analysis.missing.proposal import RmseChange, TermProposal
 from kennfeld.analysis.missing.proposing import SearchScope
 from kennfeld.analysis.missing.recordings import can_be_numbered
-from kennfeld.analysis.missing.terms import FORMS, OF_CHANNELS, Form, Kind, MissingTerm, describe
+from kennfeld.analysis.missing.scoring import is_timed
+from kennfeld.analysis.missing.terms import FORMS, OF_CHANNELS, Form, Kind, describe
 from kennfeld.app.answer import finite, finite_list
 from kennfeld.app.questions.recordings import channel_ranges, recorded_channels
 from kennfeld.app.session.session import Session
-from kennfeld.app.session.term_search import TermFindings, apply_term, picture_of, proposal_at, start_search, term_patch
+from kennfeld.app.session.term_search import (
+    TermFindings,
+    adopt_stored,
+    apply_term,
+    picture_of,
+    proposal_at,
+    start_search,
+    term_patch,
+)
 from kennfeld.base.arrays import Float
 from kennfeld.base.file_state import note_opened, while_unchanged
 from kennfeld.base.lazy_dataclass import dataclass
@@ -250,10 +260,11 @@ class AppliedTerm:
 
 def missing(session: Session) -> MissingTerms:
     """Return what takes part in a search, and what the last one has found."""
+    adopt_stored(session)
     view, work = session.require_view(), session.term_search
     problem = view.model.problem
     nodes = Nodes.of(problem).names
-    timed = all(data.time is not None and data.settling is None for data in problem.fitted_datasets)
+    timed = is_timed(problem)
     kinds = [TermKind(kind, len(nodes) if _is_possible(kind, problem, timed=timed) else 0) for kind in FORMS]
     findings: TermFindings | None = work.outcome
     return MissingTerms(
@@ -408,10 +419,10 @@ def term(session: Session, asked: AskedTerm) -> ShownTerm:
         second_points=own.term.second_breakpoints,
         now=_numbers(parameter.values) if parameter is not None else [],
         deviation=finite_list(picture.deviation) if fitted else [],
-        value_unit=_value_unit(problem, own.term),
+        value_unit=value_unit(problem, own.term),
         neutral=1.0 if kind == "multiply" else 0.0,
         fitted=fitted,
-        criterion=problem.criteria[picture.criterion].node if picture.criterion < len(problem.criteria) else "",
+        criterion=picture.criterion,
         unit=picture.unit,
         counts=picture.counts.tolist(),
         files=[ChangedFile(name, _changed_lines(session.text_of(name), text)) for name, text in texts.items()],
@@ -423,12 +434,6 @@ def term(session: Session, asked: AskedTerm) -> ShownTerm:
         x=picture.x,
         error=picture.error,
     )
-
-
-def _value_unit(problem: Problem, term: MissingTerm) -> str:
-    if term.kind == "lag":
-        return "s"
-    return "" if term.kind == "multiply" else problem.model.graph.units.get(term.node, "")
 
 
 def _numbers(values: Float) -> list[float]:

@@ -104,6 +104,11 @@ class LiveDataset:
         hold = self.bound.hold
         return values if hold is None else hold.mean(np.atleast_2d(values)).reshape(*values.shape[:-1], -1)
 
+    def at_ends(self, values: Float) -> Float:
+        """Return Float[..., simulated samples] at the last sample of each held point, Float[..., samples]."""
+        hold = self.bound.hold
+        return values if hold is None else values[..., hold.samples - 1 :: hold.samples]
+
 
 def _axes(parameters: ParameterSet) -> tuple[object, ...]:
     """Return all breakpoints, which compiled code holds as constants."""
@@ -208,10 +213,9 @@ class LiveModel:
         for recording in self.recordings:
             values = simulator.values(recording.bound, parameters)
             # target nodes are subtracted in the graph, measured targets here
-            values[:criteria] -= recording.targets
-            values = recording.as_shown(values)
-            errors.append(values[:criteria])
-            outputs.append(values[criteria:])
+            # the graph averages differences, the last one of a held point is scored
+            errors.append(recording.at_ends(values[:criteria] - recording.targets))
+            outputs.append(recording.as_shown(values[criteria:]))
         return Evaluation(parameters, tuple(errors), tuple(outputs), tuple(each.use for each in self.recordings))
 
     def nodes(self, recording: LiveDataset, names: Sequence[str], parameters: ParameterSet) -> Float:

@@ -52,6 +52,7 @@ class Session(SavedProject):
         self.training = SurrogateTraining(changed)
         # their outcomes are those of `term_search` and `design_work`, which know this module
         self.term_search: SideWork[Any] = SideWork(changed)
+        self.checked_proposals: object = None  # what the proposals in the results folder were compared with last
         self.design_work: SideWork[Any] = SideWork(changed)
         self.waiting: list[ValueEdit] = []  # edits that were made during the running calibration
 

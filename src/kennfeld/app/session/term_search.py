@@ -1,58 +1,29 @@
 """The search for missing terms of a session: its work, the pictures of what it finds, and how a term is applied."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
+from kennfeld.analysis.missing.picture import DrawnProposals, TermArtist, TermPicture
 from kennfeld.analysis.missing.proposal import TermProposal, TermProposals
 from kennfeld.analysis.missing.proposing import PartialSearch, SearchScope
 from kennfeld.app.folders import writable
-from kennfeld.app.session.live_model import LiveModel
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.side_work import PartialOutcome, Tell, WorkStep
 from kennfeld.app.session.state import Command, SetTables, SetText, Several
-from kennfeld.base.arrays import Float, Int
 from kennfeld.base.errors import Finding, InputError, Location
+from kennfeld.base.file_state import version_of
 from kennfeld.base.formatting import count_noun
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.domain.parameter_set import ParameterSet
 from kennfeld.domain.parameters import Parameter
-from kennfeld.optimize.problem.problem import Problem
 from kennfeld.project import Project
 from kennfeld.project.missing_terms import Patch, patch, propose
+from kennfeld.project.proposal_file import VALUES, ProposalSubject, read_proposals
+from kennfeld.project.results import FOLDER, PROPOSALS
 
-BINS = 24  # of a channel, over which errors are averaged
-MOST_POINTS = 1500  # samples that are drawn
 _BOM = "\ufeff"
-
-
-@dataclass(frozen=True, eq=False)
-class TermPicture:
-    """A fitted term over its channel, and the errors without it and with it; empty arrays for lags and delays.
-
-    Attributes:
-        deviation: standard deviation of the values of the term, Float[values]; inf if nothing determines one.
-        criterion: number of the criterion whose errors the term changes most, from 0.
-        unit: of the errors.
-        edges: of the bins of the channel, Float[bins + 1].
-        counts: samples by bin, Int[bins].
-        before: mean error by bin without the term, Float[bins]; NaN in bins without samples.
-        after: with it.
-        x: channel of some samples, Float[points].
-        error: their errors without the term.
-    """
-
-    deviation: Float
-    criterion: int
-    unit: str
-    edges: Float
-    counts: Int
-    before: Float
-    after: Float
-    x: Float
-    error: Float
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,16 +31,19 @@ class TermFindings:
     """The outcome of a search.
 
     Attributes:
-        found: the proposals, without the problem and the fits.
-        pictures: of each proposal.
-        values: all values of the fit with each proposal.
+        drawn: the proposals with their pictures and fitted values.
+        scope: what took part.
         stopped: candidates that were fitted, and all that were to be; None if the search has ended.
     """
 
-    found: TermProposals
-    pictures: tuple[TermPicture, ...] = ()
-    values: tuple[ParameterSet, ...] = ()
+    drawn: DrawnProposals
+    scope: SearchScope
     stopped: tuple[int, int] | None = None
+
+    @property
+    def found(self) -> TermProposals:
+        """The proposals, without the problem and the fits."""
+        return self.drawn.found
 
     @property
     def detail(self) -> str:
@@ -99,7 +73,7 @@ class TermTask:
     def run(self, tell: Tell) -> TermFindings:
         """Search, and tell what is found so far."""
         fitted, to_fit = 0, 0
-        pictures: dict[str, TermPicture] = {}
+        artist = TermArtist()
 
         def report(text: str) -> None:
             tell(WorkStep(text, fitted, to_fit))
@@ -107,81 +81,14 @@ class TermTask:
         def watch(search: PartialSearch) -> None:
             nonlocal fitted, to_fit
             fitted, to_fit = search.fitted, search.to_fit
-            findings = _findings(search.found, pictures)
-            tell(PartialOutcome(replace(findings, stopped=(fitted, to_fit))))
+            tell(PartialOutcome(TermFindings(artist.drawn(search.found), self.scope, (fitted, to_fit))))
 
         project = Project.read(self.path, self.unsaved)
         report("reading the recordings")
         try:
-            return _findings(propose(project, self.scope, report, self.parameters, watch), pictures)
+            return TermFindings(artist.drawn(propose(project, self.scope, report, self.parameters, watch)), self.scope)
         finally:
             project.close()
-
-
-def _findings(outcome: TermProposals, pictures: dict[str, TermPicture]) -> TermFindings:
-    """Return proposals as they are sent, with pictures; those that were drawn before are not computed again."""
-    values = []
-    for proposal in outcome.proposals:
-        assert outcome.problem is not None
-        assert proposal.fit is not None
-        if proposal.change not in pictures:
-            pictures[proposal.change] = term_picture(outcome.problem, proposal)
-        values.append(proposal.fit.parameters)
-    plain = tuple(replace(proposal, fit=None) for proposal in outcome.proposals)
-    drawn = tuple(pictures[proposal.change] for proposal in outcome.proposals)
-    return TermFindings(replace(outcome, proposals=plain, problem=None), drawn, tuple(values))
-
-
-def term_picture(problem: Problem, proposal: TermProposal) -> TermPicture:
-    """Return the picture of a fitted proposal.
-
-    Args:
-        problem: the function as it is, at the end of its fit.
-        proposal: with its fit.
-    """
-    addition, fit = proposal.addition, proposal.fit
-    assert addition is not None
-    assert fit is not None
-    deviation = np.zeros(0)
-    if addition.parameter is not None:
-        deviation = fit.trust.deviation.get(addition.parameter.name, deviation).ravel()
-    without = LiveModel(problem)
-    extended = LiveModel(replace(addition.to(problem, fit.parameters), parameters=fit.parameters))
-    before, after = without.evaluate(problem.parameters).errors, extended.evaluate(fit.parameters).errors
-    training = [number for number, data in enumerate(without.recordings) if data.use == "training"]
-    criterion = _most_changed([before[n] for n in training], [after[n] for n in training])
-    x, old, new = np.zeros(0), np.zeros(0), np.zeros(0)
-    if addition.term.channel:
-        channel = problem.channels.get(addition.term.channel, addition.term.channel)
-        x = np.concatenate([without.recordings[n].channel(channel) for n in training])
-        old = np.concatenate([before[n][criterion] for n in training])
-        new = np.concatenate([after[n][criterion] for n in training])
-    return _binned(deviation, criterion, without.unit(criterion), x, old, new)
-
-
-def _most_changed(before: Sequence[Float], after: Sequence[Float]) -> int:
-    """Return the criterion whose errors differ most, in relation to their size."""
-    old, new = np.concatenate(before, axis=1), np.concatenate(after, axis=1)
-    size = np.nansum(old**2, axis=1)
-    share = np.nansum((new - old) ** 2, axis=1) / np.where(size > 0, size, np.inf)
-    return int(np.argmax(share))
-
-
-def _binned(deviation: Float, criterion: int, unit: str, x: Float, old: Float, new: Float) -> TermPicture:
-    known = np.isfinite(x) & np.isfinite(old) & np.isfinite(new)
-    x, old, new = x[known], old[known], new[known]
-    if not x.size:
-        none = np.zeros(0)
-        return TermPicture(deviation, criterion, unit, none, none.astype(int), none, none, none, none)
-    low, high = float(x.min()), float(x.max())
-    edges = np.linspace(low, high if high > low else low + 1.0, BINS + 1)
-    at = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, BINS - 1)
-    counts = np.bincount(at, minlength=BINS)
-    size = np.where(counts, counts, np.nan)
-    before, after = (np.bincount(at, weights=errors, minlength=BINS) / size for errors in (old, new))
-    # evenly over the recordings, so that all operation is drawn
-    some = np.linspace(0, x.size - 1, min(MOST_POINTS, x.size)).round().astype(int)
-    return TermPicture(deviation, criterion, unit, edges, counts, before, after, x[some], old[some])
 
 
 def start_search(session: Session, scope: SearchScope) -> None:
@@ -195,6 +102,41 @@ def start_search(session: Session, scope: SearchScope) -> None:
     session.require_evaluable()
     task = TermTask(session.path, session.unsaved_texts, session.parameters, scope)
     session.term_search.start(task, session.subject)
+
+
+def adopt_stored(session: Session) -> None:
+    """Take the proposals in the results folder for the outcome, as long as there was no search of this session.
+
+    They are about the present values if nothing has changed; about the same function, project and data in any case.
+    """
+    work, project = session.term_search, session.project
+    if work.state != "idle" or project is None or session.view is None:
+        return
+    folder = session.path.parent / FOLDER
+    checked = session.subject, version_of((folder / PROPOSALS,))
+    if session.checked_proposals == checked:
+        return
+    session.checked_proposals = checked
+    work.subject = None
+    with suppress(InputError):  # a damaged list is none
+        stored = read_proposals(folder)
+        if stored is None:
+            return
+        change = stored.subject.change(ProposalSubject.of(project, session.view.now.parameters))
+        # one that was taken over stays, as after a search of this session
+        if change in ("", VALUES):
+            work.outcome = TermFindings(stored.drawn, stored.scope)
+            work.seconds = sum(stored.drawn.found.seconds)
+        if not change:
+            work.subject = session.subject
+
+
+def current_findings(session: Session) -> TermFindings | None:
+    """Return the outcome of a search that has ended, if it is about the present values; else None."""
+    findings: TermFindings | None = session.term_search.outcome
+    if findings is None or findings.stopped is not None or session.term_search.subject != session.subject:
+        return None
+    return findings
 
 
 def proposal_at(session: Session, number: int, place: int | None) -> TermProposal:
@@ -214,7 +156,7 @@ def picture_of(session: Session, number: int) -> TermPicture:
     """Return the picture of a proposal, from 0, that `proposal_at` has."""
     findings: TermFindings | None = session.term_search.outcome
     assert findings is not None
-    return findings.pictures[number]
+    return findings.drawn.pictures[number]
 
 
 def term_patch(session: Session, proposal: TermProposal) -> Patch:
@@ -257,7 +199,7 @@ def apply_term(session: Session, number: int, place: int | None) -> str:
     ]
     tables: dict[str, Parameter] = {}
     if place is None and session.term_search.outcome is not None:
-        fitted: ParameterSet = session.term_search.outcome.values[number]
+        fitted: ParameterSet = session.term_search.outcome.drawn.values[number]
         free = session.require_view().model.problem.free_names
         names = [*free, *([] if proposal.parameter is None else [proposal.parameter.name])]
         tables = {name: fitted[name] for name in names if name in fitted}
