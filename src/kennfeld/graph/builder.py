@@ -127,17 +127,17 @@ class GraphBuilder:
     def _plain_condition(self, op: str, args: tuple[int, ...]) -> int | None:
         """Return the condition that a comparison with 0, or a constant in `and` or `or`, leaves as it is; or None."""
         if op in _TRUTHS:
-            return args[0] if self._is(args[1], 0.0) and self._is_truth(args[0]) else None
+            return args[0] if self._is(args[1], 0.0) and self.is_truth(args[0]) else None
         if op in _NEUTRAL_TRUTH:
             for constant, other in (args, args[::-1]):
-                if self._is(constant, _NEUTRAL_TRUTH[op]) and self._is_truth(other):
+                if self._is(constant, _NEUTRAL_TRUTH[op]) and self.is_truth(other):
                     return other
         return None
 
-    def _is_truth(self, node: int) -> bool:
+    def is_truth(self, node: int) -> bool:
         """Return True if a node can only be 0 or 1."""
         op, args, _ = self.nodes[node]
-        return op in CONDITIONS or (op == "hold" and self._is_truth(args[0]))
+        return op in CONDITIONS or (op == "hold" and self.is_truth(args[0]))
 
     def _neutral(self, op: str, args: tuple[int, ...]) -> int:
         left, right, left_stays, right_stays = args[0], args[-1], *_NEUTRAL[op]

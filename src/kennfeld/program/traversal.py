@@ -10,6 +10,8 @@ from typing import Any
 
 from kennfeld.program import tree as m
 
+_FIELDS: dict[type, tuple[str, ...]] = {}
+
 
 def children(node: m.Expression) -> Iterator[m.Expression]:
     """Yield the direct subexpressions of an expression from left to right.
@@ -167,13 +169,21 @@ def _nodes(tree: object) -> Iterator[object]:
     waiting = [tree]
     while waiting:
         node = waiting.pop()
-        if is_dataclass(node):
-            yield node
         # a stack: reversed, nodes come in the order of the text
-        waiting += reversed(_parts(node))
+        if isinstance(node, tuple):
+            waiting += reversed(node)
+        elif names := _field_names(type(node)):
+            yield node
+            waiting += [getattr(node, name) for name in reversed(names)]
 
 
 def _parts(tree: object) -> tuple[object, ...]:
-    if isinstance(tree, tuple):
-        return tree
-    return tuple(getattr(tree, field.name) for field in fields(tree)) if is_dataclass(tree) else ()
+    return tree if isinstance(tree, tuple) else tuple(getattr(tree, name) for name in _field_names(type(tree)))
+
+
+def _field_names(kind: type) -> tuple[str, ...]:
+    """Return the fields of a class of nodes, none of any other class; looked up for every part of every tree."""
+    names = _FIELDS.get(kind)
+    if names is None:
+        names = _FIELDS[kind] = tuple(field.name for field in fields(kind)) if is_dataclass(kind) else ()
+    return names

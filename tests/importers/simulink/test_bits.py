@@ -61,6 +61,12 @@ def test_a_result_has_the_integer_type_of_the_input(operation, tmp_path):
     assert output.tolist() == values
 
 
+def test_a_mask_may_be_a_text_of_hexadecimal_digits(tmp_path):
+    drawn = typed("Bitwise Operator", 1, ["uint16"], logicop="AND", BitMask="'0F0c'")
+    output = run(imported(drawn, tmp_path), {"u1": [65535.0, 4095.0, 10.0]})["y1"]
+    assert output.tolist() == [0x0F0C, 0x0F0C, 8.0]
+
+
 def test_a_constant_without_a_type_takes_that_of_the_other_input(tmp_path):
     drawn = typed("Bitwise Operator", 2, ["int8", "Inherit: Inherit via back propagation"], logicop="AND",
                   UseBitMask="off", NumInputPorts="2")  # fmt: skip

@@ -64,14 +64,14 @@ def mat(folder):
     return path
 
 
-def dictionary(folder):
+def dictionary(folder, suffix=""):
     def elements(*listed):
         written = "".join(
             f'<Element Class="Simulink.BusElement">{entry(name, name="Name")}{entry(size, name="Dimensions")}'
-            f"{entry(kind, name='DataType')}{entry('rpm', name='DocUnits')}</Element>"
+            f"{entry(kind, name='DataType' + suffix)}{entry('rpm', name='DocUnits')}</Element>"
             for name, size, kind in listed
         )
-        return thing("Simulink.Bus", Elements=f'<P Name="Elements">{written}</P>')
+        return thing("Simulink.Bus", Elements=f'<P Name="Elements{suffix}">{written}</P>')
 
     path = folder / "buses.sldd"
     buses = {
@@ -93,6 +93,7 @@ SOURCES = {
     ),
     "MAT-file": mat,
     "dictionary": dictionary,
+    "dictionary of a newer release": lambda folder: dictionary(folder, "_internal"),
 }
 
 

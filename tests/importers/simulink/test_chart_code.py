@@ -9,7 +9,7 @@ import pytest
 from kennfeld.base.errors import InputError
 from kennfeld.importers.simulink.importing import import_simulink
 from tests.draws import mostly_slow
-from tests.importers.simulink.chart_runs import IO, U, V, drawn_chart, lone, muxed
+from tests.importers.simulink.chart_runs import IO, U, V, drawn_chart, lone, muxed, pair
 from tests.importers.simulink.simulink_files import LAYOUTS, Chart, Model
 from tests.importers.simulink.simulink_runs import imported, run, slopes
 
@@ -224,3 +224,22 @@ def test_bits_in_a_chart_are_those_of_the_types_of_its_data(layout, tmp_path):
     assert recorded["z_out"][1:].tolist() == [6.0, 254.0, 144.0]  # of 3, 127, 200 in uint8
     assert recorded["w_out"][1:].tolist() == [-54.0, 8.0, -2.0]  # of 101, 4, 127: int8 ends there
     assert any(str(one).startswith("integer types are ignored in C") for one in report.report.notes)
+
+
+def test_bits_in_charts_with_c_are_those_of_the_declared_types(tmp_path):
+    code = "du: y = k & 12 | k << 1; z = ~k; w = k ^ (k >> 3); k &= 6; k |= u;"
+    data = [*IO, ("z", "OUTPUT_DATA"), ("w", "OUTPUT_DATA"), ("k", "LOCAL_DATA")]
+    chart = lone(code, data, types={"k": "uint8"}, settings={"actionLanguage": "1"})
+    recorded = run(imported(drawn_chart(chart, outputs=("y", "z", "w")), tmp_path), {"u": [9.0, 200.0, 255.0, 0.0]})
+    k = np.array([0, 200, 200 & 6 | 255], dtype=np.uint8)
+    np.testing.assert_array_equal(recorded["y_out"][1:], (k & 12) | (k << 1))
+    np.testing.assert_array_equal(recorded["z_out"][1:], ~k)
+    np.testing.assert_array_equal(recorded["w_out"][1:], k ^ (k >> 3))
+
+
+def test_truth_values_are_combined_bit_by_bit(tmp_path):
+    # Stateflow enables C-bit operations by default, and & then joins conditions
+    chart = pair("en: y = 0;", "en: y = 1;", "[u == 2 & after(0.3, sec)]", "[u < 1 | u > 5 ^ u > 8]",
+                 settings={"actionLanguage": "1"})  # fmt: skip
+    output = run(imported(drawn_chart(chart), tmp_path), {"u": [2, 2, 2, 2, 2, 2, 6, 2, 2, 2, 2, 9, 3, 0]})["y_out"]
+    assert output.tolist() == [0, 0, 0, 1, 1, 1, 0, 0, 0, 1, 1, 1, 1, 0]

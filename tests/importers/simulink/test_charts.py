@@ -408,11 +408,7 @@ REFUSED = [
     (lone("du: y = u", settings={"updateMethod": "CONTINUOUS"}), "continuous-time charts"),
     (lone("y = u;"), "actions without a keyword"),
     (lone("du: y = ml.sin(u);"), "ml is not supported"),
-    (lone("du: y = u << 2;"), "bitwise operator <<"),
-    (
-        lone("du: y = u & 3;", settings={"actionLanguage": "1"}),
-        "bitwise operator &",
-    ),
+    (lone("du: y = ~u;", settings={"actionLanguage": "1"}), "bitcmp: its argument must be of an integer class"),
     (lone("du: q = u;"), "assignment to an unknown variable"),
     (lone("du: y = q;"), "variable q: undefined; used by C"),
     (lone("du: u = y;"), "u is read-only"),

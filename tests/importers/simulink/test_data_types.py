@@ -225,3 +225,9 @@ def test_a_derivative_is_zero_at_a_limit_of_the_type(tmp_path):
 def test_types_are_reported_with_every_import(tmp_path):
     report = import_simulink(alone("Gain", OutDataTypeStr="Missing").write(tmp_path)).report
     assert any("not defined are ignored in B (Missing)" in str(finding) for finding in report.remarks)
+
+
+def test_a_boolean_constant_is_1_or_0(tmp_path):
+    drawn = alone("Constant", inputs=0, Value="[100 0 -2]", OutDataTypeStr="boolean")
+    outputs = run(imported(drawn, tmp_path), samples=1)
+    assert [outputs[f"y1[{at}]"].item() for at in (1, 2, 3)] == [1.0, 0.0, 1.0]

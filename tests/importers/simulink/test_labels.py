@@ -120,7 +120,7 @@ def test_statements_of_c_are_parted_by_semicolons_commas_and_lines():
     [
         ("y = ", "unexpected 'the end'"),
         ("y = a b", "unexpected 'b'"),
-        ("y = a << 2", "bitwise"),
+        ("y = a << ", "unexpected"),
         ("y = z = 1", "chained assignment"),
         ("3 = y", "cannot assign"),
         ("y = " + "(" * 80 + "1" + ")" * 80, "nested more than"),
@@ -132,6 +132,16 @@ def test_statements_other_than_c_are_reported_with_the_reason(text, message):
     with pytest.raises(ActionSyntaxError) as caught:
         parse_c_statements(text)
     assert message in str(caught.value)
+
+
+def test_operators_on_bits_bind_as_in_c():
+    tree = parse_c_expression("a | b ^ c & d == 1 << 2 + e", bits=True)
+    a, b, c, d, e = (m.Name(name) for name in "abcde")
+    shift = m.Call(m.Name("bitshift"), (m.Number(1.0), m.Binary("+", m.Number(2.0), e)))
+    both = m.Call(m.Name("bitand"), (c, m.Binary("==", d, shift)))
+    assert tree == m.Call(m.Name("bitor"), (a, m.Call(m.Name("bitxor"), (b, both))))
+    # without C-bit operations they are those of logic, and ^ is a power
+    assert parse_c_expression("a & b^c") == m.Binary("&&", a, m.Binary("^", b, c))
 
 
 def test_matlab_in_charts_knows_how_to_count():

@@ -336,3 +336,9 @@ def test_a_subsystem_with_its_content_in_another_file_names_the_file(tmp_path):
     drawn = alone("SubSystem", ReferencedSubsystem="shared_part")
     with pytest.raises(InputError, match="B: its content is in the file shared_part, which was not found"):
         imported(drawn, tmp_path)
+
+
+def test_a_manual_switch_of_an_old_library_passes_on_the_chosen_input(tmp_path):
+    for position, expected in (("1", 3.0), ("0", 5.0)):
+        drawn = alone("Reference", 2, special="Manual Switch", sw=position, action="0")
+        assert run(imported(drawn, tmp_path), {"u1": [3.0], "u2": [5.0]})["y1"].tolist() == [expected]

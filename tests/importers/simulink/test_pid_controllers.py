@@ -263,3 +263,11 @@ def test_a_controller_states_whether_a_solver_advances_it(domain, continuous, tm
     report = import_simulink(drawn.write(tmp_path)).report
     assert any("ode45 -> ode4" in line for line in report.substitutions) is continuous
     assert imported(drawn, tmp_path).stepped is continuous
+
+
+def test_the_initial_output_is_the_state_of_an_explicit_method(tmp_path):
+    settings = {"InitialConditionSetting": "Output", "InitialConditionForIntegrator": "0.4"}
+    output = run(imported(drawn_as(**settings), tmp_path), {"u1": E})["y1"]
+    np.testing.assert_allclose(output, simulated(E, start=(0.4, 0.0)), rtol=1e-12, atol=1e-12)
+    with pytest.raises(InputError, match="InitialConditionSetting 'Output' is only supported with the method Forward"):
+        imported(drawn_as(IntegratorMethod="Trapezoidal", **settings), tmp_path)

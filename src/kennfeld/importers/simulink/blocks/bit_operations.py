@@ -4,6 +4,7 @@ Graphs compute in doubles, in which integers up to 2^53 are exact. The bits are 
 type of a signal stores; if the file does not specify the type, those of the value rounded down. Derivatives are 0.
 """
 
+import re
 from collections.abc import Iterator
 
 from kennfeld.importers.simulink.lowering import LIKE_INPUT, BlockContext, OutputType, UnsupportedError, block
@@ -25,6 +26,7 @@ _MAX_EXACT_INTEGER = 2**53  # doubles represent all integers up to here
 _MAX_SIGNAL_BITS = 32  # if both operands are signals
 _MAX_POINT_SHIFT = 2000  # places, beyond which any double is 0 or infinite
 _MIN_SIGN_BIT = 2**7  # sign bit of the shortest integer type
+_HEXADECIMAL = re.compile(r"\s*'([0-9A-Fa-f]{1,13})'\s*")  # a mask may be a text of hexadecimal digits
 _TYPE_REMEDY = "Specify an integer output type such as uint16 on the block that feeds this input, or bind this block."
 
 
@@ -78,7 +80,10 @@ def _require_integer_type(word: IntegerType | None) -> IntegerType:
 
 
 def _masks(block: BlockContext, word: IntegerType | None) -> list[int]:
-    masks = [_whole(float(mask)) for mask in block.numeric_array("BitMask").ravel(order="F")]
+    if digits := _HEXADECIMAL.fullmatch(block.field_text("BitMask")):
+        masks = [int(digits[1], 16)]
+    else:
+        masks = [_whole(float(mask)) for mask in block.numeric_array("BitMask").ravel(order="F")]
     if word is not None:
         return [word.wrapped(number) for number in masks]
     if any(not 0 <= number < _MIN_SIGN_BIT for number in masks):

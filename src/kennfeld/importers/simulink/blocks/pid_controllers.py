@@ -30,7 +30,7 @@ _PLAIN = {
     "UseKiTs": ("off",),
     "UseExternalDerivativeSource": ("off",),
     "AntiWindupMode": ("none", "back-calculation", "clamping"),
-    "InitialConditionSetting": ("Auto", "State (most efficient)", "State"),
+    "InitialConditionSetting": ("Auto", "State (most efficient)", "State", "Output"),
 }
 
 
@@ -99,12 +99,21 @@ class _PidController:
     def __post_init__(self) -> None:
         for name, known in _PLAIN.items():
             self.block.option(name, *known)
+        if not self.is_explicit() and self.block.is_set_to("InitialConditionSetting", "Output"):
+            raise UnsupportedError("InitialConditionSetting 'Output' is only supported with the method Forward Euler")
         self.parts = _parts(self.block)
         domain = self.block.option("TimeDomain", "Continuous-time", "Discrete-time")
         self.is_continuous = domain == "Continuous-time"
         self.is_ideal = self.block.option("Form", "Parallel", "Ideal") == "Ideal" and "P" in self.parts
         if not self.is_continuous and is_triggered(self.block.flat):
             raise UnsupportedError("it integrates over time in a triggered subsystem, which is not supported")
+
+    def is_explicit(self) -> bool:
+        """Return True if the states are outputs, so that either has the initial value."""
+        methods = ("IntegratorMethod", "FilterMethod")
+        return self.block.is_set_to("TimeDomain", "Continuous-time") or all(
+            self.block.is_set_to(method, "Forward Euler") for method in methods
+        )
 
     def output(self, proportional: Signal, integral: Signal, derivative: Signal) -> Signal:
         """Compute the control signal for the errors of the P, I and D terms."""

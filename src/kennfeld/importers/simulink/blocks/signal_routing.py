@@ -43,7 +43,7 @@ from kennfeld.importers.simulink.signals import (
     select_by_index,
     width_notes,
 )
-from kennfeld.importers.simulink.variables.data_types import BusType, PlainType, stated_type
+from kennfeld.importers.simulink.variables.data_types import BusType, stated_type
 from kennfeld.models.imperative.node_arrays import Nodes
 
 _MAX_SELECTED = 10_000
@@ -56,7 +56,7 @@ def conversion(block: BlockContext) -> SignalOrBus:
     """Pass on the input, as values are physical; converted to boolean, 1 unless it is 0."""
     if block.begins_with("ConvertRealWorld", "Stored"):
         return _by_bits(block, stated_type(block.flat.block))
-    if isinstance(block.output_type, PlainType) and block.output_type.name in ("boolean", "logical", "bool"):
+    if block.is_boolean:
         return apply("ne", block.input(), 0.0)
     return block.input_or_bus(0)
 
@@ -355,7 +355,7 @@ def _select_variable(block: BlockContext, nodes: Nodes, axis: int, places: Signa
     return np.stack(picked, axis=axis)
 
 
-@block("ManualSwitch", CurrentSetting="1", sw="1")
+@block("ManualSwitch", "Manual Switch", linked=True, CurrentSetting="1", sw="1")
 def manual_switch(block: BlockContext) -> SignalOrBus:
     """Pass on the input selected by the stored switch position."""
     upper = block.numeric_field(block.field_name("CurrentSetting", "sw")) != 0

@@ -36,9 +36,11 @@ def constant(block: BlockContext) -> SignalOrBus:
     value = parameter_or_bus(block, "Value")
     if isinstance(block.output_type, BusType):
         return fit_to_bus(block, block.output_type, value, fill=True)
-    if isinstance(value, Bus) or block.is_set_to("VectorParams1D", "on", default="on"):
+    if isinstance(value, Bus):
         return value
-    return block.signal(block.matrix("Value"), CONSTANT)
+    if not block.is_set_to("VectorParams1D", "on", default="on"):
+        value = block.signal(block.matrix("Value"), CONSTANT)
+    return apply("ne", value, 0.0) if block.is_boolean else value
 
 
 @block("EnumeratedConstant", "Enumerated Constant", library_mask=True, Value="SlDemoSign.Positive", SampleTime="inf")

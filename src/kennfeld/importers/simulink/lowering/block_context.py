@@ -29,7 +29,7 @@ from kennfeld.importers.simulink.signals import (
     period_of,
     select,
 )
-from kennfeld.importers.simulink.variables.data_types import DataType, UndefinedType
+from kennfeld.importers.simulink.variables.data_types import DataType, PlainType, UndefinedType
 from kennfeld.importers.simulink.variables.mask_scope import Variable
 from kennfeld.models.imperative.node_arrays import Nodes, Numbers, truncate
 
@@ -90,6 +90,12 @@ class BlockContext:
     def output_type(self) -> DataType | None:
         """The data type that the block specifies for its output, None if it is inherited."""
         return self.flat.output_type
+
+    @property
+    def is_boolean(self) -> bool:
+        """True if the block converts its output to boolean, 1 unless it is 0."""
+        kind = self.output_type
+        return isinstance(kind, PlainType) and kind.name in ("boolean", "logical", "bool")
 
     @functools.cached_property
     def type_limits(self) -> tuple[float, float] | None:

@@ -26,10 +26,11 @@ class Toolbox:
 
 _SIMSCAPE = (
     "nesl_utility|fl_lib|ee_lib|elec_lib|sdl_lib|sm_lib|sh_lib|SimscapeFluids_lib|batt_lib|batteryecm_lib|pe_lib"
-    "|powerlib|powerlib_models|sps_lib|sps[A-Z]\\w*"
+    "|powerlib|powerlib_models|sps_lib|sps[A-Z]\\w*|mblibv1"
 )
 _HARDWARE = (
     r"arduino\w*lib|raspberrypi\w*lib|mbedblockslib|stm32\w*lib|c28\w*lib|beaglebone\w*|lego(?:ev3|nxt)lib|sldrtlib"
+    r"|embdlinuxlib|frdm\w*lib"
 )
 _TOOLBOXES = (
     Toolbox(_SIMSCAPE, "Simscape", "physmod", physical=True),
@@ -46,6 +47,10 @@ _TOOLBOXES = (
     Toolbox(r"neural", "Deep Learning Toolbox", "nnet"),
     Toolbox(r"ros2?lib", "ROS Toolbox", "ros"),
     Toolbox(_HARDWARE, "hardware support", "", hardware=True),
+    Toolbox(r"BatteryEstimators", "Simscape Battery", "physmod"),
+    Toolbox(r"robotcorelib", "Robotics System Toolbox", "robotics"),
+    Toolbox(r"uavalgslib", "UAV Toolbox", "uav"),
+    Toolbox(r"vision[a-z]+", "Computer Vision Toolbox", "vision"),
     Toolbox(r"vrlib", "Simulink 3D Animation", "sl3d"),
 )
 

@@ -1,11 +1,12 @@
 """The parser of the C action language of charts; it produces the syntax tree of `kennfeld.program.tree`.
 
 Array indices count from 0 in C and from 1 in the tree. `&`, `|`, `^` and `~` mean and, or, power and not, unless the
-chart enables bitwise operations, which are not supported.
+chart enables C-bit operations; then they, like shifts and `&=` in any chart, become calls of the functions of bits.
 """
 
 import re
 from collections.abc import Iterable
+from typing import ClassVar
 
 from kennfeld.program import tree as m
 from kennfeld.program.operator_parser import OperatorParser, operator_levels
@@ -22,13 +23,13 @@ _WORD = re.compile(
     |(?P<bad>.)""",
     re.VERBOSE,
 )
-_LEVELS = operator_levels(
-    ("||",), ("&&",), ("|",), ("&",), ("==", "!=", "~=", "<>"), ("<", "<=", ">", ">="), ("+", "-"), ("*", "/", "%%")
-)  # fmt: skip
-_BINARY = frozenset({*_LEVELS, "^", "=", "+=", "-=", "*=", "/="})
+_COMPARED = (("==", "!=", "~=", "<>"), ("<", "<=", ">", ">="), ("<<", ">>"), ("+", "-"), ("*", "/", "%%"))
+_LEVELS = operator_levels(("||",), ("&&",), ("|",), ("&",), *_COMPARED)
+_BIT_LEVELS = operator_levels(("||",), ("&&",), ("|",), ("^",), ("&",), *_COMPARED)
+_CHANGES = {"+=": "+", "-=": "-", "*=": "*", "/=": "/", "&=": "&", "|=": "|", "^=": "^"}
+_BINARY = frozenset({*_LEVELS, *_CHANGES, "^", "="})
 _WRITTEN = {"|": "||", "&": "&&", "!=": "~=", "<>": "~="}
-_BITS = frozenset({"&", "|", "^", "~", "<<", ">>", "&=", "|=", "^="})
-_CHANGES = {"+=": "+", "-=": "-", "*=": "*", "/=": "/"}
+_BIT_FUNCTIONS = {"&": "bitand", "|": "bitor", "^": "bitxor", "<<": "bitshift", ">>": "bitsra"}
 _FUNCTIONS = {"labs": "abs", "ldexp": "", "ml": "", "rand": "", "mod": "rem"}
 
 
@@ -42,7 +43,7 @@ def parse_c_expression(text: str, bits: bool = False) -> m.Expression:
     >>> parse_c_expression("x[0] != 2") == m.Binary("~=", m.Call(m.Name("x"), (m.Number(1.0),)), m.Number(2.0))
     True
     """
-    parser = _ActionParser(text, bits)
+    parser = _parser(text, bits)
     parser.pass_lines()
     tree = parser.expression()
     parser.pass_lines()
@@ -53,7 +54,7 @@ def parse_c_expression(text: str, bits: bool = False) -> m.Expression:
 
 def parse_c_statements(text: str, bits: bool = False) -> m.Statements:
     """Parse the statements of an action, separated by `;`, `,` or line ends; raises `ActionSyntaxError`."""
-    return _ActionParser(text, bits).statements()
+    return _parser(text, bits).statements()
 
 
 def _join_lines(tokens: Iterable[ScannedToken]) -> list[ScannedToken]:
@@ -69,11 +70,12 @@ def _join_lines(tokens: Iterable[ScannedToken]) -> list[ScannedToken]:
 
 class _ActionParser(OperatorParser[ScannedToken, m.Expression]):
     levels = _LEVELS
+    bits: ClassVar[bool] = False
     max_depth = _MAX_DEPTH
 
-    def __init__(self, text: str, bits: bool) -> None:
+    def __init__(self, text: str) -> None:
         super().__init__([*_join_lines(scan_tokens(_WORD, text)), ScannedToken("end", "the end")])
-        self.bits, self.text = bits, text
+        self.text = text
 
     def fault(self, message: str) -> ActionSyntaxError:
         return ActionSyntaxError(f"{message} in {self.text.strip()[:60]}")
@@ -118,7 +120,6 @@ class _ActionParser(OperatorParser[ScannedToken, m.Expression]):
             return self._update(first, self.take().text[0], m.Number(1.0))
         if self.is_at(*_CHANGES):
             return self._update(first, _CHANGES[self.take().text], self.expression())
-        self._reject_bitwise()
         return m.Evaluate(first)
 
     def _value(self) -> m.Expression:
@@ -130,6 +131,8 @@ class _ActionParser(OperatorParser[ScannedToken, m.Expression]):
         return value
 
     def _update(self, target: m.Expression, operator: str, by: m.Expression) -> m.Assign:
+        if operator in _BIT_FUNCTIONS:
+            return m.Assign((self._target(target),), _bits(operator, target, by))
         return m.Assign((self._target(target),), m.Binary(operator, target, by))
 
     def _target(self, target: m.Expression) -> m.Expression:
@@ -158,31 +161,25 @@ class _ActionParser(OperatorParser[ScannedToken, m.Expression]):
     def expression(self) -> m.Expression:
         return self.nested(self.operations)
 
-    def _reject_bitwise(self) -> None:
-        if self.is_at(*_BITS) and (self.bits or self.token.text in ("<<", ">>", "&=", "|=", "^=")):
-            raise ActionSyntaxError(f"bitwise operator {self.token.text} is not supported")
-
-    def level(self) -> int:
-        self._reject_bitwise()
-        return super().level()
-
     def joined(self, left: m.Expression, level: int) -> m.Expression:
         operator = self.take().text
         self.pass_lines()
         right = self.operations(level + 1)
         if operator == "%%":
             return m.Call(m.Name("rem"), (left, right))
+        if operator in _BIT_FUNCTIONS and (self.bits or operator in ("<<", ">>")):
+            return _bits(operator, left, right)
         return m.Binary(_WRITTEN.get(operator, operator), left, right)
 
     def operand(self, lowest: int) -> m.Expression:
         if self.is_at("-", "+", "!", "~"):
-            self._reject_bitwise()
             operator = self.take().text
+            if operator == "~" and self.bits:
+                return m.Call(m.Name("bitcmp"), (self.operand(lowest),))
             # a sign binds less tightly than ^: -x^2 is -(x^2)
             return m.Unary("~" if operator == "!" else operator, self.operand(lowest))
         left = self._postfix()
-        while self.is_at("^"):
-            self._reject_bitwise()
+        while self.is_at("^") and not self.bits:
             self.at += 1
             left = m.Binary("^", left, self._signed())
         return left
@@ -255,6 +252,21 @@ class _ActionParser(OperatorParser[ScannedToken, m.Expression]):
                 self.close(")")
                 return tree
         raise self.fault(f"unexpected {token.text!r}")
+
+
+class _BitActionParser(_ActionParser):
+    """The parser of a chart that enables C-bit operations."""
+
+    levels = _BIT_LEVELS
+    bits = True
+
+
+def _parser(text: str, bits: bool) -> _ActionParser:
+    return _BitActionParser(text) if bits else _ActionParser(text)
+
+
+def _bits(operator: str, left: m.Expression, right: m.Expression) -> m.Call:
+    return m.Call(m.Name(_BIT_FUNCTIONS[operator]), (left, right))
 
 
 def _number(text: str) -> float:

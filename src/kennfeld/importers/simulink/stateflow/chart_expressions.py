@@ -35,9 +35,10 @@ from kennfeld.models.imperative.symbolic_values import as_array, force, integers
 from kennfeld.program import tree as m
 from kennfeld.program.traversal import expressions_in, field_path, map_children
 
+_BIT_OPERATORS: Final = ("bitand", "bitor", "bitxor", "bitshift", "bitsra", "bitcmp")
 _LIBRARIES: Final[Mapping[str, Mapping[str, LibraryFunction]]] = {
-    # charts with C have the functions of block fields alone, not those of MATLAB on arrays
-    "C": {**FIELD_FUNCTIONS, **{name: SYMBOLIC_FUNCTIONS[name] for name in ("cast", "isnan")}},
+    # charts with C have the functions of block fields and the operators on bits, not the functions of MATLAB on arrays
+    "C": {**FIELD_FUNCTIONS, **{name: SYMBOLIC_FUNCTIONS[name] for name in ("cast", "isnan", *_BIT_OPERATORS)}},
     "MATLAB": {**SYMBOLIC_FUNCTIONS, **C_FUNCTIONS},
 }
 

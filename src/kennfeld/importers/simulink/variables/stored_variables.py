@@ -70,6 +70,8 @@ class UnusableValueError(Exception):
 
 def stored_variable(kind: str, properties: Mapping[str, Value]) -> StoredVariable:
     """Build an object from its properties: those used for calibration by name, the rest as they are."""
+    # bus objects of newer releases keep Elements_internal, DataType_internal, Min_internal
+    properties = {name.removesuffix("_internal"): value for name, value in properties.items()}
     table, axes = properties.get("Table"), properties.get("Breakpoints")
     if table is not None:
         breakpoints = tuple(

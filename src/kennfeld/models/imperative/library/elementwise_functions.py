@@ -19,6 +19,7 @@ from kennfeld.models.imperative.library.numeric_rules import OF_ONE, OF_TWO
 from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, truncate
 
 _BITS = 32
+_OF_TRUTHS: Final = {"bitand": "and", "bitor": "or", "bitxor": "ne"}
 
 _TYPED = "Convert its argument, for instance by int16(x)."
 
@@ -52,11 +53,13 @@ def _bit(apply: Elementwise, x: Nodes, at: int) -> Nodes:
 
 @function("bitand", "bitor", "bitxor", least=2, most=3)
 def bitwise(args: SymbolicArguments) -> s.SymbolicValue:
-    """Combine the bits of two numbers of up to 32 bits; NaN beyond."""
+    """Combine the bits of two numbers of up to 32 bits; NaN beyond. Two truth values have a single bit."""
     word, apply = _integer_class(args, 2), args.apply
+    if all(_are_truths(args, at) for at in (0, 1)):
+        return s.as_logical(apply(_OF_TRUTHS[args.name], args.array(0), args.array(1)))
     a, b = (_as_integers(args, at, word) for at in (0, 1))
     args.fits(a, b)
-    constant_bits = _constant_bits(args, word, a, b)
+    constant_bits = [0] if any(_are_truths(args, at) for at in (0, 1)) else _constant_bits(args, word, a, b)
     sums = apply("add", a, b)  # a + b counts common bits twice
     both = apply("mul", 0.0, sums) if not sums.size else s.constants(args.builder, 0.0)
     for at in range(_BITS) if constant_bits is None else constant_bits:
@@ -67,6 +70,11 @@ def bitwise(args: SymbolicArguments) -> s.SymbolicValue:
     if args.name == "bitand":
         return s.integers(np.broadcast_to(both, sums.shape), word)
     return s.integers(apply("sub", sums, apply("mul", 1.0 if args.name == "bitor" else 2.0, both)), word)
+
+
+def _are_truths(args: SymbolicArguments, at: int) -> bool:
+    array = args.array(at)
+    return isinstance(array, s.LogicalNodes) or all(args.builder.is_truth(int(node)) for node in np.ravel(array))
 
 
 def _common_bits(apply: Elementwise, a: Nodes, b: Nodes, both: Nodes) -> Nodes:
