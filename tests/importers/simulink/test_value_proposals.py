@@ -8,7 +8,7 @@ from kennfeld.importers.simulink.value_proposals import propose_files
 from kennfeld.importers.simulink.variables.file_search import FileSearch
 from tests.importers.simulink.simulink_data import entry, sldd
 from tests.importers.simulink.simulink_files import Model
-from tests.importers.simulink.simulink_runs import alone
+from tests.importers.simulink.simulink_runs import alone, run
 
 
 def proposals(folder, undefined, failures=None, missing=None, **search):
@@ -160,3 +160,28 @@ def test_the_file_that_declares_a_data_store_is_proposed(tmp_path):
     (proposal,) = import_simulink(path).report.proposals
     assert (proposal.path.name, proposal.names) == ("stores.m", ("held",))
     assert import_simulink(path, parameters=[tmp_path / "stores.m"]).report.whole
+
+
+def test_the_function_that_describes_a_bus_is_proposed(tmp_path):
+    model = Model(step="0.1", solver="FixedStepDiscrete")
+    model.inport("u")
+    model.block("Constant", "Zero", ports=(0, 1), Value="0", OutDataTypeStr="Bus: State")
+    model.block("BusAssignment", "Set", ports=(2, 1), AssignedSignals="speed")
+    model.block("BusSelector", "Pick", ports=(1, 2), OutputSignals="speed,torque")
+    model.line("Zero", "Set:1")
+    model.line("u", "Set:2")
+    model.line("Set", "Pick")
+    for at, name in enumerate(("n", "m"), 1):
+        model.outport(name)
+        model.line(f"Pick:{at}", name)
+    rows = (f"{{'{name}', 1, 'double', -1, 'real', 'Sample', 'Fixed', [], [], '', ''}}" for name in ("speed", "torque"))
+    described = f"info = {{{{'State', '', '', 'Auto', '-1', {{{'; '.join(rows)}}}}}}}'"
+    write(tmp_path, state=f"function info = state(varargin)\n{described};\nSimulink.Bus.cellToObject(info)\nend\n")
+    write(tmp_path, other="State_0 = 1; torque = 'State';")
+    path = model.write(tmp_path)
+    report = import_simulink(path).report
+    assert "its input 1 is a bus, but the bus State is not defined" in {each.why for each in report.unsupported}
+    assert [(each.path.name, each.names) for each in report.proposals] == [("state.m", ("State",))]
+    outputs = run(import_simulink(path, parameters=[tmp_path / "state.m"]).require_model(), {"u": [1.0, 2.0]})
+    assert outputs["n"].tolist() == [1.0, 2.0]
+    assert outputs["m"].tolist() == [0.0, 0.0]

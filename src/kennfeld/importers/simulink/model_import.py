@@ -44,6 +44,7 @@ from kennfeld.importers.simulink.signals import InputWidth, Signal, SignalOrBus,
 from kennfeld.importers.simulink.solver_selection import SolverSelection
 from kennfeld.importers.simulink.undefined_parameters import undefined_parameters
 from kennfeld.importers.simulink.value_proposals import missing_links, propose_files
+from kennfeld.importers.simulink.variables.data_types import UndefinedType
 from kennfeld.importers.simulink.variables.mask_scope import Scope, signal_unit
 from kennfeld.importers.simulink.variables.model_variables import solver_settings
 from kennfeld.matlab.errors import failed_assignment
@@ -162,7 +163,9 @@ class ModelImport:
         needed = missing | missing_links(failed)
         # a signal object in a file may declare a data store as well
         stores = [flat.block.value("DataStoreName") or "" for flat in failed if _lacks_store(flat)]
-        undefined = tuple(dict.fromkeys((*report.undefined, *(name.strip() for name in stores))))
+        buses = [flat.output_type for flat in self.flat.blocks]
+        names = [kind.name for kind in buses if isinstance(kind, UndefinedType) and kind.is_bus]
+        undefined = tuple(dict.fromkeys((*report.undefined, *(name.strip() for name in stores), *names)))
         proposals = propose_files(self.path, self._loaded.search, undefined, places, needed)
         return replace(report, definitions=definitions, missing_files=missing, proposals=proposals)
 

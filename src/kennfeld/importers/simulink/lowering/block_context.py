@@ -229,9 +229,13 @@ class BlockContext:
         """Return the bus at the first input; that of a model input provides any signal by name."""
         source = self.source()
         arriving = self.input_or_bus(0)
-        if isinstance(arriving, Bus) or source is None or source.flat.type not in ("Inport", "From"):
+        if isinstance(arriving, Bus) or source is None:
             return arriving
         kind = source.flat.output_type
+        if source.flat.type not in ("Inport", "From"):
+            if isinstance(kind, UndefinedType) and kind.is_bus:
+                raise UnsupportedError(f"its input 1 is a bus, but {undefined_reason(kind)}")
+            return arriving
         why = undefined_reason(kind) if isinstance(kind, UndefinedType) else "its port does not name a bus object"
         return self.compiler.inputs.open_bus(source.flat, why)
 

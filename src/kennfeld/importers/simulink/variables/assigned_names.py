@@ -14,7 +14,7 @@ from kennfeld.matlab.enumerations import enumeration_of, is_class
 from kennfeld.matlab.mat_reader import load_nodes
 from kennfeld.matlab.parser import parse_leniently
 from kennfeld.program import tree as m
-from kennfeld.program.traversal import calls_in, paths_assigned
+from kennfeld.program.traversal import assigned_path, calls_in, expressions_in, paths_assigned
 
 DATA_ENDINGS = (".m", ".mat", ".sldd")
 _MAX_SCRIPT, _MAX_DATA = 500_000, 20_000_000  # bytes of a file
@@ -107,9 +107,23 @@ def _assigned(script: m.Script) -> Iterator[str]:
     first = script.functions[0] if script.functions else None
     alone = not script.statements and first is not None and not first.parameters
     yield from paths_assigned(first.body if alone and first is not None else script.statements)
-    for name, arguments in calls_in((script.statements, *(function.body for function in script.functions))):
+    whole = (script.statements, *(function.body for function in script.functions))
+    for name, arguments in calls_in(whole):
         if name == "assignin" and len(arguments) == 3 and isinstance(arguments[1], m.Text):
             yield arguments[1].value
+    yield from _described_buses(whole)
+
+
+def _described_buses(tree: object) -> Iterator[str]:
+    """Yield the buses that `Simulink.Bus.cellToObject` defines from `{name, ..., elements}`."""
+    expressions = list(expressions_in(tree))
+    calls = (node.of for node in expressions if isinstance(node, m.Call))
+    if "Simulink.Bus.cellToObject" not in map(assigned_path, calls):
+        return
+    for node in expressions:
+        for row in node.rows if isinstance(node, m.CellArray) else ():
+            if row and isinstance(row[0], m.Text) and isinstance(row[-1], m.CellArray):
+                yield row[0].value
 
 
 def _of_data_file(path: Path) -> frozenset[str]:
