@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy.special import fdtrc, fdtri
+from scipy.special import fdtrc, fdtri, ncfdtr
 
-from kennfeld.analysis.missing.f_distribution import f_quantile, f_tail
+from kennfeld.analysis.missing.f_distribution import detected_noncentrality, f_quantile, f_tail
 
 
 @pytest.mark.parametrize(("m", "n"), [(1, 1), (1, 10), (5, 39), (6, 97.5), (30, 12), (3, 1e6), (1, 0.5)])
@@ -17,3 +17,11 @@ def test_tail_and_quantile_are_those_of_scipy(m, n):
 
 def test_ends_of_the_range_have_their_probabilities():
     assert (f_tail(0.0, 3, 4), f_tail(-1.0, 3, 4), f_tail(np.inf, 3, 4)) == (1.0, 1.0, 0.0)
+
+
+@pytest.mark.parametrize("power", [0.5, 0.9])
+@pytest.mark.parametrize(("m", "n"), [(1, 30), (5, 39), (5, 1e5)])
+def test_an_effect_is_detected_as_often_as_stated(m, n, power):
+    for level in (1e-2, 1e-5):
+        noncentrality = detected_noncentrality(level, power, m, n)
+        assert 1 - ncfdtr(m, n, noncentrality, f_quantile(level, m, n)) == pytest.approx(power, abs=0.02)

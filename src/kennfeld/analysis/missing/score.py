@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 
 from kennfeld.analysis.missing.candidate_sums import BlockSums, FamilySums
-from kennfeld.analysis.missing.f_distribution import f_quantile, f_tail
+from kennfeld.analysis.missing.f_distribution import detected_noncentrality, f_tail
 from kennfeld.analysis.missing.families import Family
 from kennfeld.analysis.missing.terms import MissingTerm
 from kennfeld.base.arrays import Float
@@ -39,6 +39,7 @@ EXPLAINED = 1e-4  # of its own square: what the function leaves of a column that
 FEWEST_BLOCKS = 8  # from which the dispersion follows from blocks
 FEWEST_FREEDOM = 4.0  # of a dispersion; with less, almost nothing would be significant
 MAX_SPECTRUM = 2000  # values up to which undetermined directions are found by eigenvalues
+POWER = 0.9  # of the test of the effect that is called detectable
 
 
 @dataclass(frozen=True)
@@ -310,6 +311,6 @@ def _whitening(matrix: Float) -> tuple[Float, int]:
     return Factor.of(np.asarray(lower, dtype=np.float64)).solve_lower(np.diag(scale))[:, : len(matrix)].T, len(matrix)
 
 
-def smallest_gain(dispersion: float, columns: int, freedom: float, level: float) -> float:
-    """Return the least gain that is significant at a level."""
-    return dispersion * columns * f_quantile(level, columns, freedom)
+def detected_gain(dispersion: float, columns: int, freedom: float, level: float) -> float:
+    """Return the gain of a true effect that is significant at a level with the probability `POWER`."""
+    return dispersion * detected_noncentrality(level, POWER, columns, freedom)

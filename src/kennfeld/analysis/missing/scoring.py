@@ -25,7 +25,7 @@ from kennfeld.analysis.missing.families import (
 )
 from kennfeld.analysis.missing.probes import Nodes, Probes, factor, offset
 from kennfeld.analysis.missing.recordings import recording_count
-from kennfeld.analysis.missing.score import Linearisation, TermScore, smallest_gain
+from kennfeld.analysis.missing.score import Linearisation, TermScore, detected_gain
 from kennfeld.analysis.missing.shortlist import LEVEL, significant
 from kennfeld.analysis.missing.terms import OF_CHANNELS, Form
 from kennfeld.base.lazy_dataclass import dataclass
@@ -52,7 +52,7 @@ class Scored:
         own_share: share of the cost that the values themselves would take off.
         cost: of the data and of the roughness.
         weights: sum of the weights of the linearised problem; the cost of the data divided by it is a mean square.
-        smallest: RMSE of the least effect of a curve that is significant.
+        smallest: RMSE of the least effect of a curve that nearly always is significant.
         problem: with the values at which it is linearised.
     """
 
@@ -96,7 +96,7 @@ def score_problem(
     dispersions = [score.dispersion for score in scores] or [linear.variance]
     freedom = linear.blocks - 1.0 if linear.blocks else max(linear.count - linear.rank, 1.0)
     typical = float(np.median(dispersions))
-    least = smallest_gain(typical, 5, freedom, LEVEL / max(len(scores), 1)) if typical > 0 else 0.0
+    least = detected_gain(typical, 5, freedom, LEVEL / max(len(scores), 1)) if typical > 0 else 0.0
     smallest = float(np.sqrt(least)) * linear.sums.mean_effect if least > 0 else 0.0
     share = linear.own_gain / linear.cost if linear.cost > 0 else 0.0
     return Scored(tuple(scores), share, linear.cost, linear.sums.weights or 1.0, smallest)
