@@ -1,6 +1,5 @@
 """The files of the page: compressed for browsers that can read that, sent once, and no others."""
 
-import asyncio
 import gzip
 from pathlib import Path
 
@@ -30,7 +29,9 @@ def request(files: StaticFiles, path: str, method: str = "GET", **headers: str) 
     async def receive():  # type: ignore[no-untyped-def]
         raise AssertionError("a request for a file has no body")
 
-    asyncio.run(files({"type": "http", "method": method, "path": path, "headers": own}, receive, send))
+    answer = files({"type": "http", "method": method, "path": path, "headers": own}, receive, send)
+    with pytest.raises(StopIteration):  # the end of a coroutine that waits for nothing; no loop of events is needed
+        answer.send(None)
     begin, *parts = sent
     known = {name.decode(): value.decode() for name, value in begin["headers"]}
     return begin["status"], known, b"".join(part["body"] for part in parts)

@@ -41,6 +41,9 @@ export const visible = computed<Stretch>(() => {
 
 export const unitOfTime = computed(() => (dataset.value?.timed ? "s" : ""));
 
+/** The decimals of times in a stretch of some length; numbers of points have none. */
+export const decimalsOfTime = (length: number): number => (dataset.value?.timed ? (length > 20 ? 1 : 3) : 0);
+
 export function chooseCriterion(number: number): void {
   chosenCriterion.value = number;
 }

@@ -17,6 +17,7 @@ import {
   cursor,
   dataset,
   datasetNumber,
+  decimalsOfTime,
   fit,
   hover,
   only,
@@ -112,7 +113,7 @@ function Tools() {
   const { begin, end } = visible.value;
   const own = dataset.value;
   const { criteria, datasets } = state.value;
-  const places = end - begin > 20 ? 1 : 3;
+  const places = decimalsOfTime(end - begin);
   return (
     <section class="pane tool" aria-label="Tools">
       <div class="head">
@@ -209,7 +210,7 @@ function Tools() {
             </span>
             {own && stretch.value !== null && (
               <span class="q of">
-                of {fixed(own.end - own.begin, 1)} {unitOfTime.value}
+                of {fixed(own.end - own.begin, places)} {unitOfTime.value}
               </span>
             )}
           </>

@@ -122,6 +122,7 @@ def propose(
     Raises:
         InputError: the input cannot be used.
 
+    >>> import numpy as np
     >>> x, z = np.tile([0.0, 1.0, 2.0, 3.0], 50), np.repeat(np.arange(10.0), 20)
     >>> found = propose("y = a + b * x", {"x": x, "z": z, "m": 1 + 2 * x + z}, {"a": 0.0, "b": 0.0}, target="m")
     >>> found[0].change

@@ -3,7 +3,17 @@
 import { useSignal } from "@preact/signals";
 import { count, fixed, parseNumber, plain, signed, significant, unitText } from "../../drawing/numbers";
 import { brushed } from "../../plot-data";
-import { type Brush, brush, criterion, criterionNumber, datasetNumber, isStretch, only, unitOfTime } from "../../plots";
+import {
+  type Brush,
+  brush,
+  criterion,
+  criterionNumber,
+  datasetNumber,
+  decimalsOfTime,
+  isStretch,
+  only,
+  unitOfTime,
+} from "../../plots";
 import type { BrushedConditions, Toml } from "../../replies";
 import { setKeys, valueAt } from "../../settings";
 import { settled, table } from "../../store";
@@ -11,7 +21,10 @@ import { nameOf } from "../../strip-rows";
 
 /** A selection of samples in words. */
 export function describeBrush(own: Brush): string {
-  if (isStretch(own)) return `${fixed(own.begin, 1)} … ${fixed(own.end, 1)} ${unitOfTime.value || "(points)"}`.trim();
+  if (isStretch(own)) {
+    const places = Math.min(decimalsOfTime(own.end - own.begin), 1);
+    return `${fixed(own.begin, places)} … ${fixed(own.end, places)} ${unitOfTime.value || "(points)"}`.trim();
+  }
   if ("ranges" in own)
     return own.ranges
       .map((each) => `${nameOf(each.signal)} ${plain(each.least, 5)} … ${plain(each.greatest, 5)}`)

@@ -5,7 +5,7 @@ import { type Box, canvasIn, extent, type Pen } from "../../drawing/canvas";
 import { css, height as heightColour, token } from "../../drawing/colours";
 import { cellIn } from "../../drawing/grid";
 import { hatch } from "../../drawing/marks";
-import { significant, withUnit } from "../../drawing/numbers";
+import { plain, significant, withUnit } from "../../drawing/numbers";
 import { tipOn } from "../../hover-tip";
 import { cellTitle } from "../../instruments/map-table";
 import { placeText } from "../../instruments/pictures";
@@ -133,13 +133,11 @@ function labels(pen: Pen, own: EditedTable, weights: Float32Array | undefined, b
   pen.textAlign = "right";
   pen.textBaseline = "middle";
   ys.forEach((value, j) => {
-    if (j % Math.ceil(ys.length / 6) === 0)
-      pen.fillText(significant(value, 3), box.left - 5, box.bottom - (j + 0.5) * h);
+    if (j % Math.ceil(ys.length / 6) === 0) pen.fillText(plain(value, 3), box.left - 5, box.bottom - (j + 0.5) * h);
   });
   pen.textBaseline = "top";
   pen.textAlign = "center";
   xs.forEach((value, i) => {
-    if (i % Math.ceil(xs.length / 5) === 0)
-      pen.fillText(significant(value, 4), box.left + (i + 0.5) * w, box.bottom + 4);
+    if (i % Math.ceil(xs.length / 5) === 0) pen.fillText(plain(value, 4), box.left + (i + 0.5) * w, box.bottom + 4);
   });
 }

@@ -54,7 +54,7 @@ export function ChangesPane() {
             <th>parameter</th>
             <Sorted by="absolute" text="most" />
             <th>at</th>
-            <Sorted by="relative" text="relative" />
+            <Sorted by="relative" text="of largest" />
             <Sorted by="mean" text="mean" />
             <th class="num">at a bound</th>
             {taking.value !== "whole" && <th class="num">take</th>}
