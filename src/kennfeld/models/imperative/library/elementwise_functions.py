@@ -56,7 +56,7 @@ def bitwise(args: SymbolicArguments) -> s.SymbolicValue:
     """Combine the bits of two numbers of up to 32 bits; NaN beyond. Two truth values have a single bit."""
     word, apply = _integer_class(args, 2), args.apply
     if all(_are_truths(args, at) for at in (0, 1)):
-        return s.as_logical(apply(_OF_TRUTHS[args.name], args.array(0), args.array(1)))
+        return s.integers(apply(_OF_TRUTHS[args.name], args.array(0), args.array(1)), word)
     a, b = (_as_integers(args, at, word) for at in (0, 1))
     args.fits(a, b)
     constant_bits = [0] if any(_are_truths(args, at) for at in (0, 1)) else _constant_bits(args, word, a, b)
@@ -74,7 +74,9 @@ def bitwise(args: SymbolicArguments) -> s.SymbolicValue:
 
 def _are_truths(args: SymbolicArguments, at: int) -> bool:
     array = args.array(at)
-    return isinstance(array, s.LogicalNodes) or all(args.builder.is_truth(int(node)) for node in np.ravel(array))
+    if isinstance(array, s.LogicalNodes) or not array.size:
+        return isinstance(array, s.LogicalNodes)
+    return all(args.builder.is_truth(int(node)) for node in np.ravel(array))
 
 
 def _common_bits(apply: Elementwise, a: Nodes, b: Nodes, both: Nodes) -> Nodes:
