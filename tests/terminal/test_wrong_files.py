@@ -175,6 +175,7 @@ PUMP = (
 @pytest.mark.parametrize(
     ("name", "content"),
     [("engine.mdl", DIAGRAM.encode()), ("pump.esdl", PUMP.encode()), ("plant.axl", archive(plant_component()))],
+    ids=["Simulink", "ESDL", "archive"],  # an archive has the time of day
 )
 @pytest.mark.parametrize("target", ["out.kf", "out.json"])
 def test_a_model_is_converted_whatever_its_name(
