@@ -23,7 +23,6 @@ from kennfeld.domain.file_spans import short_names
 from kennfeld.optimize.fit.result import Result, aligned
 
 MOST_ROWS = 8  # points that a text shows
-STOPPED = "stopped: "  # begins the warning that a search was stopped
 
 
 @dataclass(frozen=True)
@@ -65,6 +64,7 @@ class Design:
         course: the same after each segment and those before it.
         noise: standard deviation of the noise of each node, on which the prediction is based.
         stopped: of a search that was stopped, how many were chosen, and how many would have been; None for others.
+        stop_warning: the one of `findings` that says so.
 
     >>> from kennfeld import design
     >>> levels = design(n=4, ranges={"speed": (800, 6000)}, method="factorial")
@@ -89,6 +89,7 @@ class Design:
     course: tuple[float, ...] = field(default=(), repr=False)
     noise: Mapping[str, float] = field(default_factory=dict, repr=False)
     stopped: tuple[int, int] | None = None
+    stop_warning: Finding | None = field(default=None, repr=False)
 
     @classmethod
     def read(cls, path: str | Path) -> "Design":
@@ -219,9 +220,9 @@ def stopped_early(design: Design, chosen: int, wanted: int, noun: str) -> Design
     """Return a design that says, also by a warning, that its search was stopped; the same if all wanted were chosen."""
     if chosen >= wanted:
         return design
-    message = f"{STOPPED}{chosen} of {count_noun(wanted, noun)} were chosen"
+    message = f"stopped: {chosen} of {count_noun(wanted, noun)} were chosen"
     finding = Finding(Location("design"), message, severity="warning")
-    return replace(design, findings=(*design.findings, finding), stopped=(chosen, wanted))
+    return replace(design, findings=(*design.findings, finding), stopped=(chosen, wanted), stop_warning=finding)
 
 
 # is given a function that makes the design so far, or None; True ends the search with it

@@ -48,8 +48,8 @@ def _several_weights(fitted: FittedFunction) -> Iterator[Finding]:
 def _bounded_values(fitted: FittedFunction) -> Iterator[Finding]:
     """Yield a remark on values that a bound holds instead of the data: predictions take them for known."""
     limits, values = linear_limits(fitted.problem, fitted.compiled.values), fitted.values
-    held = fitted.fixed & limits.movable & ((values <= limits.lower) | (values >= limits.upper))
-    counts = {name: int(held[first : first + size].sum()) for name, (first, size) in fitted.blocks.items()}
+    at_bound = fitted.fixed & limits.movable & ((values <= limits.lower) | (values >= limits.upper))
+    counts = {name: int(at_bound[first : first + size].sum()) for name, (first, size) in fitted.blocks.items()}
     texts = [f"{count_noun(count, 'value')} of {name}" for name, count in counts.items() if count]
     if texts:
         message = f"bounds hold {join_names(texts, 3)}, which predictions take for known"

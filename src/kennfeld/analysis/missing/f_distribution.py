@@ -5,12 +5,12 @@ freedom. I follows from its continued fraction (DLMF 8.17.22), evaluated as W. L
 """
 
 import math
+from collections.abc import Callable
 
 ROUNDS = 10_000
 DIGITS = 1e-15
 TINY = 1e-300  # instead of a denominator of 0
-DOUBLINGS = 1000  # until a bracket of a quantile is found
-BISECTIONS = 40  # of a noncentrality, for ten digits
+DOUBLINGS = 1000  # until a bracket is found
 
 
 def f_tail(x: float, m: float, n: float) -> float:
@@ -37,14 +37,7 @@ def f_quantile(p: float, m: float, n: float) -> float:
     >>> round(f_quantile(0.05, 1, 10), 2)
     4.96
     """
-    low, high = 0.0, 1.0
-    for _ in range(DOUBLINGS):
-        if f_tail(high, m, n) < p:
-            break
-        low, high = high, 2 * high
-    while (middle := (low + high) / 2) not in (low, high):
-        low, high = (low, middle) if f_tail(middle, m, n) < p else (middle, high)
-    return high
+    return _least(lambda x: f_tail(x, m, n) < p)
 
 
 def detected_noncentrality(level: float, power: float, m: float, n: float) -> float:
@@ -61,14 +54,18 @@ def detected_noncentrality(level: float, power: float, m: float, n: float) -> fl
     def detects(d: float) -> bool:
         return f_tail(limit / (1 + d / m), (m + d) ** 2 / (m + 2 * d), n) >= power
 
+    return _least(detects)
+
+
+def _least(holds: Callable[[float], bool]) -> float:
+    """Return the least number >= 0 from which on a condition holds."""
     low, high = 0.0, 1.0
     for _ in range(DOUBLINGS):
-        if detects(high):
+        if holds(high):
             break
         low, high = high, 2 * high
-    for _ in range(BISECTIONS):
-        middle = (low + high) / 2
-        low, high = (low, middle) if detects(middle) else (middle, high)
+    while (middle := (low + high) / 2) not in (low, high):
+        low, high = (low, middle) if holds(middle) else (middle, high)
     return high
 
 

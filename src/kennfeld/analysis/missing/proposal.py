@@ -15,7 +15,7 @@ from kennfeld.domain.parameters import Parameter
 from kennfeld.optimize.fit.result import Result
 from kennfeld.optimize.problem.problem import Problem
 
-LEAST_CHANGE = 1e-3  # of an RMSE, that is told
+LEAST_CHANGE = 1e-3  # of an RMSE, that is reported
 
 
 @dataclass(frozen=True)

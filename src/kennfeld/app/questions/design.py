@@ -14,7 +14,7 @@ from kennfeld.base.arrays import Float
 from kennfeld.base.errors import ArgumentError, Finding, InputError, Location, Severity
 from kennfeld.base.lazy_dataclass import dataclass
 from kennfeld.design.api import Request
-from kennfeld.design.design_result import STOPPED, Design
+from kennfeld.design.design_result import Design
 
 FILE = "measure-next"
 MAX_POINTS = 2000  # rows that are listed
@@ -283,7 +283,7 @@ def _found(findings: DesignFindings, *, old: bool, seconds: float) -> FoundDesig
         sentences=design.sentences,
         unsettled=design.unsettled,
         # the list itself says how many of how many there are, also while further ones are being chosen
-        remarks=[_remark(finding) for finding in design.findings if not finding.message.startswith(STOPPED)],
+        remarks=[_remark(finding) for finding in design.findings if finding != design.stop_warning],
         tables=[_table(own) for own in findings.tables],
         formats=_formats(design),
         seconds=seconds,

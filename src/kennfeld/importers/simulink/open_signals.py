@@ -9,7 +9,7 @@ from kennfeld.importers.simulink.lowering.registry import BLOCK_TYPES
 from kennfeld.importers.simulink.reader.model_tree import ModelDocument
 
 _NOTES = ("DocBlock", "CMBlock", "Model Info", "Note")
-# a constant at an open end says nothing, and a condition is no signal of the model
+# a constant at an open end carries no signal, and a condition is no signal of the model
 _NO_RESULTS = (
     "Constant", "Ground", "Inport", "From", "DataStoreMemory", "DataStoreRead", "ConditionalSubsystem",
     "IterationCondition", "ForEachPartition", "BusElement", "InactiveVariant", "FunctionCallGenerator",
