@@ -94,13 +94,17 @@ class CandidateWeights:
         """Return the factor of a region, Float[samples]; its mean so far if candidates do not say where they are."""
         condition = expression(region.where, Location("where"))
         known = all(name in data and name not in self._unknown for name in condition.inputs)
+        only = replace(self._plain(region), weight_channel="")
+
+        def factor(each: Dataset) -> Float | None:
+            return sample_weights(only, replace(each, weight_channel=""))
+
         # the clock of a recording says nothing of that of the next one
         if known and not condition.clocks:
-            own = sample_weights(replace(self._plain(region), weight_channel=""), replace(data, weight_channel=""))
+            own = factor(data)
             return np.ones(data.samples) if own is None else own
         if region not in self._mean_of:
-            only = replace(self._plain(region), weight_channel="")
-            self._mean_of[region] = self._mean(lambda each: sample_weights(only, replace(each, weight_channel="")))
+            self._mean_of[region] = self._mean(factor)
         return np.full(data.samples, self._mean_of[region])
 
     def _mean(self, weights: Callable[[Dataset], Float | None]) -> float:

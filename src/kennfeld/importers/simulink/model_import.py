@@ -162,12 +162,14 @@ class ModelImport:
         missing = dict(self.variables.missing_files) if report.undefined else {}
         needed = missing | missing_links(failed)
         # a signal object in a file may declare a data store as well
-        stores = [flat.block.value("DataStoreName") or "" for flat in failed if _lacks_store(flat)]
-        buses = [flat.output_type for flat in self.flat.blocks]
-        names = [kind.name for kind in buses if isinstance(kind, UndefinedType) and kind.is_bus]
-        undefined = tuple(dict.fromkeys((*report.undefined, *(name.strip() for name in stores), *names)))
+        stores = [(flat.block.value("DataStoreName") or "").strip() for flat in failed if _lacks_store(flat)]
+        undefined = tuple(dict.fromkeys((*report.undefined, *stores, *self._undefined_buses())))
         proposals = propose_files(self.path, self._loaded.search, undefined, places, needed)
         return replace(report, definitions=definitions, missing_files=missing, proposals=proposals)
+
+    def _undefined_buses(self) -> list[str]:
+        kinds = [flat.output_type for flat in self.flat.blocks]
+        return [kind.name for kind in kinds if isinstance(kind, UndefinedType) and kind.is_bus]
 
     @property
     def asked(self) -> int:
